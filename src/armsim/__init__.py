@@ -1,0 +1,1 @@
+"""Reproduction of a Cartesian robot arm study: its model, its integrators, its report."""

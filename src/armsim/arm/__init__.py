@@ -1,0 +1,7 @@
+"""One axis of the robot arm: parameters, state equations, linear model, simulation."""
+
+from armsim.arm.linear import LinearAxis
+from armsim.arm.parameters import AxisParameters
+from armsim.arm.simulate import Trajectory, simulate
+
+__all__ = ["AxisParameters", "LinearAxis", "Trajectory", "simulate"]

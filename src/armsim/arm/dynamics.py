@@ -1,0 +1,251 @@
+"""The seven state equations of one axis, paper's eq. (10)-(15), region by region.
+
+Two limits, the backlash and the static friction cut the state space into regions; inside each
+the equations are affine in the state and the input. `region` says where a state is, and
+`derivative` evaluates the equations *of a given region* anywhere, so that the matrices of a region
+are read off the same code that a Runge-Kutta step runs.
+
+Departures from the print, each a misprint corrected:
+
+- eq. (10): the right-hand side of y5 is divided by T_p T_r; the print multiplies.
+- eq. (10): the motor's inertia is J_m; the text after it says "m".
+- eq. (12): the forward gain is K_e; the text after it says "K_c".
+- Table 5: the saturation current is K_i V_L; the print says K_1 V_L.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from armsim.arm.parameters import AxisParameters
+
+# Fused multiply-add is allowed, as in C compilers; nothing is reordered.
+_compiled = njit(cache=True, fastmath={"contract"}, error_model="numpy")
+
+#: Value of `Region.friction` while static friction holds the arm at rest.
+STUCK = 2
+
+
+class Region(NamedTuple):
+    """Which branch of each nonlinearity holds: -1 and +1 are the outer branches, 0 the middle."""
+
+    preamplifier: int  #: limit of v_c, eq. (11)
+    power: int  #: limit of v_m, eq. (12)
+    contact: int  #: flank of the gear tooth, eq. (14)
+    friction: int  #: sign of the static friction, eq. (15), or `STUCK`
+
+
+class Constants(NamedTuple):
+    """What the compiled equations need of `AxisParameters`; divisions are made once, here."""
+
+    B_a: float
+    F_0: float
+    v_s: float
+    per_M: float
+    B_m: float
+    r_g: float
+    K_b: float
+    per_J_m: float
+    K_1: float
+    K_2_K_t: float
+    T_p_plus_T_r: float
+    per_T_p_T_r: float
+    R_a: float
+    per_L_a: float
+    T_z: float
+    V_L: float
+    K_e: float
+    per_K_i: float
+    V_M: float
+    H: float
+    K_g: float
+    b_g: float
+
+
+def constants(p: AxisParameters) -> Constants:
+    """Return the numbers that `rhs` takes as its last argument."""
+    return Constants(
+        B_a=p.B_a,
+        F_0=p.F_0,
+        v_s=p.v_s,
+        per_M=1 / p.M,
+        B_m=p.B_m,
+        r_g=p.r_g,
+        K_b=p.K_b,
+        per_J_m=1 / p.J_m,
+        K_1=p.K_1,
+        K_2_K_t=p.K_2 * p.K_t,
+        T_p_plus_T_r=p.T_p + p.T_r,
+        per_T_p_T_r=1 / (p.T_p * p.T_r),
+        R_a=p.R_a,
+        per_L_a=1 / p.L_a,
+        T_z=p.T_z,
+        V_L=p.V_L,
+        K_e=p.K_e,
+        per_K_i=1 / p.K_i,
+        V_M=p.V_M,
+        H=p.H,
+        K_g=p.K_g,
+        b_g=p.b_g,
+    )
+
+
+# --- auxiliary variables, Table 2 -------------------------------------------------------------
+
+
+@_compiled
+def preamplifier_output(y, c, branch):
+    """Controller preamplifier output v_c in volts, eq. (11)."""
+    if branch == 0:
+        return y[4] + c.T_z * y[5]
+    return c.V_L if branch > 0 else -c.V_L
+
+
+@_compiled
+def motor_voltage(y, c, v_c, branch):
+    """Motor voltage v_m in volts, eq. (12)."""
+    if branch == 0:
+        return c.K_e * (v_c - y[6] * c.per_K_i)
+    return c.V_M if branch > 0 else -c.V_M
+
+
+@_compiled
+def gear_force(y, c, branch):
+    """Force through the gear f_g in newtons, eq. (13) and (14)."""
+    if branch == 0:
+        return 0.0
+    edge = branch * c.H
+    return (c.r_g * y[2] - y[0] - edge) * c.K_g + (c.r_g * y[3] - y[1]) * c.b_g
+
+
+@_compiled
+def static_friction(y, c, f_g, branch):
+    """Static friction F_s in newtons, eq. (15); where the arm sticks, what keeps it at rest."""
+    if branch == STUCK:
+        return f_g - c.B_a * y[1]
+    return branch * c.F_0
+
+
+# --- the state equations ----------------------------------------------------------------------
+
+
+@_compiled
+def _branch(value, limit):
+    if value > limit:
+        return 1
+    if value < -limit:
+        return -1
+    return 0
+
+
+@_compiled
+def region(y, c):
+    """Return the region of a state; at rest F_s = 0, as sgn(0) in eq. (15)."""
+    preamplifier = _branch(preamplifier_output(y, c, 0), c.V_L)
+    v_c = preamplifier_output(y, c, preamplifier)
+    power = _branch(motor_voltage(y, c, v_c, 0), c.V_M)
+    contact = _branch(c.r_g * y[2] - y[0], c.H)
+    friction = _branch(y[1], 0.0) if abs(y[1]) < c.v_s else 0
+    return Region(preamplifier, power, contact, friction)
+
+
+@_compiled
+def auxiliary(y, c, where):
+    """Return (f_g, F_s, v_m, v_c), Table 2, by the equations of the region `where`."""
+    v_c = preamplifier_output(y, c, where.preamplifier)
+    v_m = motor_voltage(y, c, v_c, where.power)
+    f_g = gear_force(y, c, where.contact)
+    return f_g, static_friction(y, c, f_g, where.friction), v_m, v_c
+
+
+@_compiled
+def derivative(y, set_velocity, c, where):
+    """State derivative, eq. (10), by the equations of the region `where`.
+
+    Parameters
+    ----------
+    y : sequence of 7 floats
+        State y0 … y6 of Table 1.
+    set_velocity : float
+        Input U in volts.
+    c : Constants
+        From `constants`.
+    where : Region
+        Its equations are used whether or not `y` lies in it.
+
+    Returns
+    -------
+    tuple of 7 floats
+        Affine in `y` and `set_velocity`.
+    """
+    f_g, F_s, v_m, _ = auxiliary(y, c, where)
+    return (
+        y[1],
+        (-c.B_a * y[1] - F_s + f_g) * c.per_M,
+        y[3],
+        (-c.B_m * y[3] - c.r_g * f_g + c.K_b * y[6]) * c.per_J_m,
+        y[5],
+        (-y[4] - c.T_p_plus_T_r * y[5] + c.K_1 * set_velocity - c.K_2_K_t * y[3]) * c.per_T_p_T_r,
+        (v_m - c.R_a * y[6] - c.K_b * y[3]) * c.per_L_a,
+    )
+
+
+@_compiled
+def rhs(t, y, set_velocity, c):
+    """Right-hand side of eq. (10) with all limits, for `armsim.methods.integrate` and SciPy."""
+    return derivative(y, set_velocity, c, region(y, c))
+
+
+# --- for the reader of a run ------------------------------------------------------------------
+
+
+@_compiled
+def _auxiliary_columns(y, c, out):
+    for n in range(y.shape[1]):
+        out[:, n] = np.array(auxiliary(y[:, n], c, region(y[:, n], c)))
+
+
+def auxiliary_variables(p: AxisParameters, y: np.ndarray) -> dict[str, np.ndarray]:
+    """Auxiliary variables of Table 2 along a run.
+
+    Parameters
+    ----------
+    p : AxisParameters
+        Of the axis.
+    y : (7, n) array_like
+        States.
+
+    Returns
+    -------
+    dict of (n,) arrays
+        ``f_g`` and ``F_s`` in newtons, ``v_m`` and ``v_c`` in volts.
+    """
+    y = np.ascontiguousarray(y, dtype=float)
+    out = np.empty((4, y.shape[1]))
+    _auxiliary_columns(y, constants(p), out)
+    return dict(zip(("f_g", "F_s", "v_m", "v_c"), out, strict=True))
+
+
+def affine(p: AxisParameters, where: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Matrices of a region, ẏ = A y + B U + c, read off `derivative` on the unit vectors.
+
+    Parameters
+    ----------
+    p : AxisParameters
+        Of the axis.
+    where : Region
+        The region.
+
+    Returns
+    -------
+    A : (7, 7) array
+    B : (7,) array
+    c : (7,) array
+    """
+    k, where, origin = constants(p), Region(*where), np.zeros(7)
+    linear = k._replace(V_L=0.0, V_M=0.0, H=0.0, F_0=0.0)  # leaves no offset to subtract
+    A = np.column_stack([derivative(unit, 0.0, linear, where) for unit in np.eye(7)])
+    B = np.array(derivative(origin, 1.0, linear, where))
+    return A, B, np.array(derivative(origin, 0.0, k, where))

@@ -1,0 +1,163 @@
+"""The reduced fourth-order linear system, paper's eq. (16), and its step response in closed form.
+
+Without backlash, static friction and limits, with stiff gear and large K_e, the power stage is a
+current source y6 = K_i v_c and motor and arm turn as one body of inertia J and friction B. The
+velocity loop is then of third order, and the position its integral.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from armsim.arm.parameters import AxisParameters
+
+
+@dataclass(frozen=True)
+class LinearAxis:
+    """Reduced linear model of an axis, paper's eq. (16).
+
+    Parameters
+    ----------
+    parameters : AxisParameters
+        Of the full model; `K_1` is used as it stands there.
+    """
+
+    parameters: AxisParameters
+
+    @property
+    def J(self) -> float:
+        """Inertia of motor and arm at the motor's shaft, kg m²."""
+        p = self.parameters
+        return p.J_m + p.r_g**2 * p.M
+
+    @property
+    def B(self) -> float:
+        """Rotational friction of motor and arm at the motor's shaft, N m s/rad."""
+        p = self.parameters
+        return p.B_m + p.r_g**2 * p.B_a
+
+    def state_space(self) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices of ẋ = A x + B U for x = (y2, y3, y4, y5).
+
+        Returns
+        -------
+        A : (4, 4) array
+        B : (4,) array
+        """
+        p, T2 = self.parameters, self.parameters.T_p * self.parameters.T_r
+        torque = p.K_b * p.K_i / self.J
+        A = np.array(
+            [
+                [0, 1, 0, 0],
+                [0, -self.B / self.J, torque, torque * p.T_z],
+                [0, 0, 0, 1],
+                [0, -p.K_2 * p.K_t / T2, -1 / T2, -(p.T_p + p.T_r) / T2],
+            ]
+        )
+        return A, np.array([0, 0, 0, p.K_1 / T2])
+
+    @cached_property
+    def transfer_function(self) -> tuple[np.ndarray, np.ndarray]:
+        """Arm velocity over set velocity, y1(s)/U(s), as (numerator, denominator).
+
+        Coefficients of falling powers of s, for instance for `scipy.signal.TransferFunction`.
+        """
+        p = self.parameters
+        lead = np.array([p.T_z, 1.0])
+        gain = p.K_i * p.K_b
+        lags = np.polymul([p.T_p, 1.0], [p.T_r, 1.0])
+        loop = np.polymul([self.J, self.B], lags)
+        return p.r_g * p.K_1 * gain * lead, np.polyadd(loop, p.K_2 * p.K_t * gain * lead)
+
+    def step_response(self, set_velocity: float = 10.0) -> "StepResponse":
+        """Response from rest to a step of the set velocity.
+
+        Parameters
+        ----------
+        set_velocity : float
+            Height of the step in volts.
+
+        Raises
+        ------
+        ValueError
+            If two poles of the loop nearly coincide, where partial fractions lose all digits.
+        """
+        numerator, denominator = self.transfer_function
+        poles = np.roots(denominator)
+        gaps = np.abs(poles[:, None] - poles[None, :]) + np.diag(np.full(len(poles), np.inf))
+        if gaps.min() < 1e-7 * np.abs(poles).max():
+            raise ValueError(
+                f"poles {poles} nearly coincide, so the partial fractions are ill-conditioned; "
+                "change T_p a little"
+            )
+        slope = np.polyder(denominator)
+        residues = set_velocity * np.polyval(numerator, poles) / (poles * np.polyval(slope, poles))
+        final = set_velocity * numerator[-1] / denominator[-1]
+        return StepResponse(self, poles, residues, final)
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """Step response as a sum of exponentials: y1(t) = final + Σ residue exp(pole t)."""
+
+    axis: LinearAxis
+    poles: np.ndarray  #: (3,) complex, 1/s
+    residues: np.ndarray  #: (3,) complex, m/s
+    final: float  #: steady-state velocity, m/s
+
+    def velocity(self, t: np.ndarray | float) -> np.ndarray:
+        """Arm velocity y1 in m/s at the times `t` in seconds."""
+        return self.final + self._modes(np.exp, self.residues, t)
+
+    def position(self, t: np.ndarray | float) -> np.ndarray:
+        """Arm position y0 in m, the integral of the velocity."""
+        return self.final * np.asarray(t) + self._modes(np.expm1, self.residues / self.poles, t)
+
+    def current(self, t: np.ndarray | float) -> np.ndarray:
+        """Motor current y6 in A, from J ω̇ + B ω = K_b y6 with ω = y1/r_g."""
+        p, J, B = self.axis.parameters, self.axis.J, self.axis.B
+        modes = self._modes(np.exp, (J * self.poles + B) * self.residues, t)
+        return (B * self.final + modes) / (p.K_b * p.r_g)
+
+    def settling_time(self, criterion: float = 0.02) -> float:
+        """Time in s after which the velocity stays within `criterion` times its final value.
+
+        Raises
+        ------
+        ValueError
+            If `criterion` is not between 0 and 1, or the loop is not stable.
+        """
+        if not 0 < criterion < 1:
+            raise ValueError(f"criterion = {criterion!r} is not allowed; it must be in (0, 1)")
+        band = criterion * abs(self.final)
+        t = self._grid(band)
+        outside = np.abs(self.velocity(t) - self.final) > band
+        last = int(np.flatnonzero(outside)[-1])
+        return float(
+            brentq(lambda s: abs(self.velocity(s) - self.final) - band, t[last], t[last + 1])
+        )
+
+    def peak_current(self) -> float:
+        """Largest motor current in A; in the model it starts from zero."""
+        t = self._grid(1e-6 * abs(self.final))
+        top = int(np.argmax(self.current(t)))
+        low, high = t[max(top - 1, 0)], t[min(top + 1, len(t) - 1)]
+        best = minimize_scalar(
+            lambda s: -float(self.current(s)), (low, high), (low, high), method="bounded",
+            options={"xatol": 1e-12},
+        )  # fmt: skip
+        return -float(best.fun)
+
+    def _modes(self, function, weights, t) -> np.ndarray:
+        t = np.asarray(t, dtype=float)
+        return np.real(np.tensordot(weights, function(np.multiply.outer(self.poles, t)), axes=1))
+
+    def _grid(self, rest: float) -> np.ndarray:
+        """Times that resolve every mode, up to where all modes together are below `rest`."""
+        if (slowest := -self.poles.real.max()) <= 0:
+            raise ValueError(f"the loop is not stable; its poles are {self.poles}")
+        end = np.log(max(np.abs(self.residues).sum() / rest, 2.0)) / slowest + 1e-9
+        fastest = np.abs(self.poles).max()
+        return np.union1d(np.linspace(0, end, 20001), np.geomspace(1e-3 / fastest, end, 2001))

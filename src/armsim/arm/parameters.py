@@ -1,0 +1,184 @@
+"""The parameters of one axis: symbols, values, units and where each value comes from."""
+
+import dataclasses
+import difflib
+import math
+import re
+import tomllib
+from dataclasses import dataclass, field
+from numbers import Real
+from typing import Any, Self
+
+from armsim.paths import DATA
+
+#: Source of a value that the paper does not give.
+OUR_CHOICE = "our choice"
+
+#: Tables 1 to 5 as the paper prints them, one list of rows a table.
+PAPER_TABLES: dict[str, list[dict[str, str]]] = tomllib.loads(
+    (DATA / "paper" / "tables.toml").read_text(encoding="utf-8")
+)
+
+_SET_VELOCITY = 10.0  # V: the paper sets K_1 so that this voltage …
+_VELOCITY = 1.0  # m/s: … gives this speed
+
+
+def _parameter(unit: str, description: str, source: str, *, zero: bool = False) -> Any:
+    """Field of a parameter, which is positive, or not negative where `zero` is allowed."""
+    return field(
+        metadata={"unit": unit, "description": description, "source": source, "zero": zero}
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisParameters:
+    """Constants of one axis of the robot arm, in SI units, named as in the paper.
+
+    Make one with `paper_x_axis` and change it with `replace`. Unit, description and source of
+    each parameter stand in its field's metadata.
+
+    Parameters
+    ----------
+    K_1 : float, optional
+        Set-velocity gain. Left out, it is computed by the paper's rule: 10 V on the input gives
+        1 m/s in the steady state of the seven-state model, viscous friction and finite `K_e`
+        included and static friction (which vanishes at that speed) not.
+    **others : float
+        Every other parameter has to be given.
+
+    Raises
+    ------
+    TypeError
+        If a value is not a real number (a bool and a string are not).
+    ValueError
+        If a value is not finite, or has the wrong sign.
+    """
+
+    R_a: float = _parameter("Ω", "armature resistance", "Table 3")
+    L_a: float = _parameter("H", "armature inductance", "Table 3 (printed L)")
+    K_b: float = _parameter("N m/A", "motor torque constant; also V s/rad", "Table 3")
+    J_m: float = _parameter("kg m²", "armature inertia, no load", "Table 3")
+    B_m: float = _parameter("N m s/rad", "armature damping", "Table 3", zero=True)
+    K_t: float = _parameter("V s/rad", "tachometer gain", "Table 3")
+    r_g: float = _parameter("m", "motor gear radius", "Table 3")
+    H: float = _parameter("m", "gear backlash, half the gap", "Table 3", zero=True)
+    M: float = _parameter("kg", "arm mass", "Table 3")
+    T_z: float = _parameter("s", "compensation zero time constant", "Table 4", zero=True)
+    T_p: float = _parameter("s", "compensation pole time constant", "Table 4; Section 4")
+    T_r: float = _parameter("s", "preamplifier roll-off time constant", "Table 4")
+    K_2: float = _parameter("V/V", "tachometer feedback gain", "Table 4; Section 4", zero=True)
+    K_i: float = _parameter("A/V", "transconductance gain", "Table 4")
+    K_e: float = _parameter("V/V", "forward gain of the power unit", OUR_CHOICE)
+    V_M: float = _parameter("V", "motor voltage limit", "Table 4")
+    V_L: float = _parameter("V", "controller preamplifier limit", "Table 5")
+    B_a: float = _parameter("N s/m", "arm friction coefficient", "Table 5", zero=True)
+    b_g: float = _parameter("N s/m", "gear friction coefficient", "Table 5", zero=True)
+    K_g: float = _parameter("N/m", "gear stiffness", "Table 5")
+    F_0: float = _parameter("N", "static friction", OUR_CHOICE, zero=True)
+    v_s: float = _parameter("m/s", "threshold of static friction (paper's v)", OUR_CHOICE, zero=True)
+    K_1: float = field(
+        default=None,  # type: ignore[assignment]  # replaced in __post_init__
+        metadata={
+            "unit": "V/V",
+            "description": "set-velocity gain",
+            "source": "Section 4: computed from the other parameters",
+            "zero": True,
+        },
+    )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_K_1_given", self.K_1 is not None)
+        for item in dataclasses.fields(self):
+            value = getattr(self, item.name)
+            if item.name == "K_1" and value is None:
+                value = _gain_for_set_velocity(self)
+            object.__setattr__(self, item.name, _checked(item.name, value, item.metadata["zero"]))
+
+    @classmethod
+    def paper_x_axis(cls, *, fit: str = "ndp", **changes: float) -> Self:
+        """Build the x axis of the paper: Tables 3 to 5, T_p = 0.04 s, K_2 at its maximum.
+
+        Parameters
+        ----------
+        fit : {"ndp", "rk6"}
+            Column of Table 5: "Novel Dormand-Prince Technique" or "RK-Sixth Order Technique".
+        **changes : float
+            Values to use instead of the paper's, by name.
+
+        Raises
+        ------
+        ValueError
+            If `fit` or a name is not known, or a value is out of range.
+        TypeError
+            If a value is not a real number.
+        """
+        if fit not in ("ndp", "rk6"):
+            raise ValueError(f"fit {fit!r}: not a column of Table 5; allowed are 'ndp' and 'rk6'")
+        _check_names(cls, changes)
+        rows = [*PAPER_TABLES["table3"], *PAPER_TABLES["table4"], *PAPER_TABLES["table5"]]
+        values = {
+            row["field"]: printed_value(row.get(fit) or row["value"])
+            for row in rows
+            if row.get("field") not in (None, "K_1")
+        }
+        values |= {"T_p": 0.04, "K_e": 100.0, "F_0": 20.0, "v_s": 0.01}
+        return cls(**(values | changes))
+
+    def replace(self, **changes: float | None) -> Self:
+        """Return a changed copy; `K_1` follows its rule again unless it has been given.
+
+        Parameters
+        ----------
+        **changes : float
+            New values by name. ``K_1=None`` goes back to the computed gain.
+
+        Raises
+        ------
+        ValueError, TypeError
+            As on construction, and for a name that is no parameter.
+        """
+        _check_names(type(self), changes)
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        if not self._K_1_given:  # type: ignore[attr-defined]
+            values["K_1"] = None
+        return type(self)(**(values | changes))
+
+
+def printed_value(text: str) -> float:
+    """Return the number of a table entry such as ``"0.56 ohms"``; of a range, its upper end.
+
+    The upper end is what the paper's procedure sets `K_2` to (Section 4: "at its maximum").
+    """
+    text = re.sub(r"\s*\\cdot\s*10\^", "e", text)
+    return float(re.findall(r"\d+(?:\.\d+)?(?:e\d+)?", text.partition("²")[0])[text.count(" to ")])
+
+
+def _gain_for_set_velocity(p: AxisParameters) -> float:
+    """Gain K_1 that makes 10 V give exactly 1 m/s in the steady state of eq. (10)-(14)."""
+    motor_velocity = _VELOCITY / p.r_g
+    current = (p.B_m * motor_velocity + p.r_g * p.B_a * _VELOCITY) / p.K_b
+    motor_voltage = p.R_a * current + p.K_b * motor_velocity
+    preamplifier_output = current / p.K_i + motor_voltage / p.K_e
+    return (preamplifier_output + p.K_2 * p.K_t * motor_velocity) / _SET_VELOCITY
+
+
+def _checked(name: str, value: object, zero: bool) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
+    number = float(value)
+    if not math.isfinite(number) or number < 0 or (number == 0 and not zero):
+        allowed = "not negative" if zero else "positive"
+        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and {allowed}")
+    return number
+
+
+def _check_names(cls: type, changes: dict[str, Any]) -> None:
+    known = [item.name for item in dataclasses.fields(cls)]
+    for name, value in changes.items():
+        if name not in known:
+            by_case = {item.lower(): item for item in known}
+            near = difflib.get_close_matches(str(name).lower(), by_case, n=1, cutoff=0.5)
+            hint = f" Did you mean {by_case[near[0]]}?" if near else ""
+            raise ValueError(
+                f"{name} = {value!r}: no such parameter.{hint} Allowed are {', '.join(known)}"
+            )

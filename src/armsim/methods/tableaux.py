@@ -1,0 +1,236 @@
+"""Butcher tableaux in exact numbers: the methods of the paper, corrected and as printed.
+
+A tableau is written once, as text, and everything else (nodes, stage count, whether the last
+stage can be reused, floats, compiled code) derives from it.
+"""
+
+import re
+import tomllib
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import sympy
+
+from armsim.paths import DATA
+
+
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    r"""An explicit Runge-Kutta method :math:`(A, b, c)`.
+
+    Parameters
+    ----------
+    name : str
+        Short name, used in messages and legends.
+    A : (s, s) array_like of exact numbers
+        Strictly lower triangular stage coefficients: integers, fractions, SymPy numbers or
+        strings such as ``"1/4"``. Floats are refused, since they are not exact.
+    b : (s,) array_like of exact numbers
+        Weights.
+    b_embedded : (s,) array_like of exact numbers, optional
+        Weights of the embedded method whose difference from `b` estimates the error.
+    reference : str
+        Where the coefficients come from.
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is not an exact number, a row has the wrong length, or the tableau is
+        not explicit.
+    """
+
+    name: str
+    A: sympy.Array
+    b: sympy.Array
+    b_embedded: sympy.Array | None = None
+    reference: str = field(default="", repr=False)
+
+    def __post_init__(self) -> None:
+        rows = [
+            [_exact(a, f"A[{i}][{j}]") for j, a in enumerate(row)] for i, row in enumerate(self.A)
+        ]
+        s = len(rows)
+        if s == 0:
+            raise ValueError(f"tableau {self.name}: A is empty; at least one stage is needed")
+        for i, row in enumerate(rows):
+            if len(row) != s:
+                raise ValueError(
+                    f"tableau {self.name}: row {i} of A has {len(row)} entries; a tableau of "
+                    f"{s} stages needs {s}"
+                )
+            for j in range(i, s):
+                if row[j] != 0:
+                    raise ValueError(
+                        f"tableau {self.name}: A[{i}][{j}] = {row[j]} makes the method implicit; "
+                        "entries on and above the diagonal must be 0"
+                    )
+        object.__setattr__(self, "A", sympy.ImmutableDenseNDimArray(rows))
+        for label in ("b", "b_embedded"):
+            if (weights := getattr(self, label)) is None:
+                continue
+            weights = [_exact(w, f"{label}[{i}]") for i, w in enumerate(weights)]
+            if len(weights) != s:
+                raise ValueError(
+                    f"tableau {self.name}: {label} has {len(weights)} weights; a tableau of "
+                    f"{s} stages needs {s}"
+                )
+            object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(weights))
+
+    @cached_property
+    def c(self) -> sympy.Array:
+        """Nodes, the row sums of `A`: each stage is consistent with its own time."""
+        return sympy.ImmutableDenseNDimArray([sympy.expand(sum(row)) for row in self.A])
+
+    @property
+    def stages(self) -> int:
+        """Number of stages s."""
+        return len(self.b)
+
+    @cached_property
+    def fsal(self) -> bool:
+        """Whether the last stage is the first stage of the next step ("first same as last")."""
+        return self.stages > 1 and list(self.A[-1]) == list(self.b)
+
+    @cached_property
+    def evaluated_stages(self) -> tuple[int, ...]:
+        """Stages that a fixed step needs: those that reach the weights `b`."""
+        needed: set[int] = set()
+        for i in reversed(range(self.stages)):
+            if self.b[i] != 0 or any(self.A[k, i] != 0 for k in needed):
+                needed.add(i)
+        return tuple(sorted(needed))
+
+    def floats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,): the one place that rounds."""
+        return tuple(np.array(part.tolist(), dtype=float) for part in (self.A, self.b, self.c))
+
+
+def _exact(value: object, where: str) -> sympy.Expr:
+    if isinstance(value, bool | float | np.floating):
+        raise ValueError(f"{where} = {value!r} is not exact; give an integer, fraction or string")
+    try:
+        number = sympy.sympify(value, rational=True)
+    except (sympy.SympifyError, TypeError) as error:
+        raise ValueError(f"{where} = {value!r} is not a number") from error
+    if not (number.is_number and number.is_real):
+        raise ValueError(f"{where} = {value!r} is not a real number")
+    return number
+
+
+def _lower(rows: str) -> list[list[str]]:
+    """Square matrix from the text of its rows below the diagonal."""
+    parts = [[], *(row.split() for row in rows.strip().splitlines())]
+    return [part + ["0"] * (len(parts) - len(part)) for part in parts]
+
+
+EULER = Tableau("Euler", [[0]], [1], reference="Euler, Institutionum calculi integralis I, 1768")
+
+RK4_GILL = Tableau(
+    "RK-Gill",
+    _lower("""
+        1/2
+        (sqrt(2)-1)/2  (2-sqrt(2))/2
+        0              -sqrt(2)/2     (2+sqrt(2))/2
+    """),
+    "1/6 (2-sqrt(2))/6 (2+sqrt(2))/6 1/6".split(),
+    reference="Gill, Proc. Cambridge Phil. Soc. 47 (1951) 96-108",
+)
+
+RK5 = Tableau(
+    "RK5 (Butcher)",
+    _lower("""
+        1/4
+        1/8    1/8
+        0     -1/2   1
+        3/16   0     0      9/16
+        -3/7   2/7   12/7  -12/7   8/7
+    """),
+    "7/90 0 32/90 12/90 32/90 7/90".split(),
+    reference="Butcher, J. Austral. Math. Soc. 4 (1964) 179-194",
+)
+
+RK6 = Tableau(
+    "RK6 (Butcher)",
+    _lower("""
+        1/2
+        2/9      4/9
+        7/36     2/9    -1/12
+        -35/144  -55/36  35/48   15/8
+        -1/360   -11/36  -1/8    1/2      1/10
+        -41/260  22/13   43/156  -118/39  32/195  80/39
+    """),
+    "13/200 0 11/40 11/40 4/25 4/25 13/200".split(),
+    reference="Butcher, J. Austral. Math. Soc. 4 (1964) 179-194",
+)
+
+_DP_ROWS = _lower("""
+    1/5
+    3/40        9/40
+    44/45       -56/15       32/9
+    19372/6561  -25360/2187  64448/6561  -212/729
+    9017/3168   -355/33      46732/5247  49/176    -5103/18656
+    35/384      0            500/1113    125/192   -2187/6784   11/84
+""")
+_DP_FIFTH = "35/384 0 500/1113 125/192 -2187/6784 11/84 0".split()
+_DP_FOURTH = "5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40".split()
+_DP_REFERENCE = "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19-26, RK5(4)7M"
+
+DP5 = Tableau("DP5", _DP_ROWS, _DP_FIFTH, b_embedded=_DP_FOURTH, reference=_DP_REFERENCE)
+#: The embedded weights of the same pair, which the paper takes for a sixth-order method.
+DP4 = Tableau("DP4", _DP_ROWS, _DP_FOURTH, reference=_DP_REFERENCE)
+
+
+# --- as printed -------------------------------------------------------------------------------
+
+
+def _terms(formula: str) -> dict[int, tuple[int, int]]:
+    """Numerators and denominators, not reduced, of k_1, k_2, … in a formula of the paper.
+
+    Brackets and the exponentials around single terms are passed over, because the paper
+    misplaces both; what is left is a sum of terms ``sign fraction k_j``.
+    """
+    text = re.sub(r"\^\{?ij?\}?|\\left|\\right|\\exp|[()\[\]\s]", "", formula.partition("=")[2])
+    text = re.sub(r"\\frac\{(k_\d)\}\{(\d+)\}", r"\\frac{1}{\2}\1", text)
+    common = 1
+    if factor := re.search(r"\\frac\{1\}\{(\d+)\}(?=\d+k)", text):  # 1/90 [7 k_1 + …]
+        common = int(factor[1])
+        text = text.replace(factor[0], "")
+    found = {}
+    term = re.compile(r"([+-]?)(?:\\frac\{(-?\d+)\}\{(\d+)\}|(\d+)|)k_(\d)")
+    for sign, numerator, denominator, integer, stage in term.findall(text):
+        value = int(numerator or integer or 1) * (-1 if sign == "-" else 1)
+        found[int(stage)] = (value, common * int(denominator or 1))
+    return found
+
+
+def printed_fractions(key: str) -> list[list[tuple[int, int]]]:
+    """Rows of A and, last, of b as ``(numerator, denominator)``, just as the paper prints them.
+
+    Parameters
+    ----------
+    key : {"rk5", "rk6", "ndp5", "ndp6"}
+        Which of the paper's methods.
+
+    Returns
+    -------
+    list of s + 1 rows of s pairs
+        A coefficient that is not printed is ``(0, 1)``.
+    """
+    if key not in _PAPER:
+        raise ValueError(f"printed tableau {key!r}: not in the paper; it prints {list(_PAPER)}")
+    formulas = [*_PAPER[key]["stages"], _PAPER[key]["weights"]]
+    rows = [_terms(formula) for formula in formulas]
+    return [[row.get(j, (0, 1)) for j in range(1, len(formulas))] for row in rows]
+
+
+def _as_printed(key: str) -> Tableau:
+    *A, b = [[sympy.Rational(*pair) for pair in row] for row in printed_fractions(key)]
+    name, where = _PAPER[key]["name"], _PAPER[key]["equations"]
+    return Tableau(f"{name}, as printed", A, b, reference=f"the paper, eq. {where}")
+
+
+_PAPER = tomllib.loads((DATA / "paper" / "tableaux.toml").read_text(encoding="utf-8"))
+
+#: The four tableaux of the paper's eq. (10)-(16): ``"rk5"``, ``"rk6"``, ``"ndp5"``, ``"ndp6"``.
+PRINTED = {key: _as_printed(key) for key in _PAPER}
