@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, FancyBboxPatch, Patch, Polygon
+from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 from scipy.spatial import ConvexHull
 
 from armsim.report.figures import COLOUR, FAINT, INK, STYLE
@@ -45,9 +45,7 @@ class _Sheet:
         self.figure.set_layout_engine("none")
         self.ax = self.figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0))
         self.ax.set_axis_off()
-
-    def add(self, patch: Patch) -> None:
-        self.ax.add_patch(patch)
+        self.add = self.ax.add_patch
 
     def text(self, x: float, y: float, text: str, **style: Any) -> None:
         self.ax.text(x, y, text, **({"ha": "center", "va": "center_baseline"} | style))

@@ -51,7 +51,6 @@ STYLE: dict[Any, Any] = dict.fromkeys(INKED, INK) | {
     "font.size": 11,
     "grid.alpha": 0.3,
     "grid.color": FAINT,
-    "grid.linewidth": 0.6,
     "legend.frameon": False,
     "legend.handlelength": 2.8,
     "lines.linewidth": 1.8,
