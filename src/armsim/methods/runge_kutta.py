@@ -1,33 +1,27 @@
-"""Integration with a Butcher tableau at a fixed step, in additive or exponential form.
+"""Integration with a Butcher tableau: additive or exponential form, fixed step or adaptive."""
 
-The loop is generated from the tableau as straight-line code: coefficients are literals, products
-with zero do not appear, and stages that the weights never reach are not evaluated. The same
-source serves a plain Python right-hand side, where the state is one array, and a compiled one,
-where it is unrolled into scalars and the whole loop, right-hand side inlined, is machine code.
-"""
-
-import hashlib
-import inspect
 import math
-import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
-from numba import njit
 from numba.core.errors import TypingError
 from numba.extending import is_jitted
 
+from armsim.methods import trees
+from armsim.methods.loops import FORMS, compiled_loop, python_loop
 from armsim.methods.tableaux import Tableau
 
-Form = Literal["additive", "exponential"]
+Form = Literal["additive", "exponential", "exponential product", "as printed"]
 
 #: Solutions of more than this many numbers are refused rather than exhaust the memory.
 MAX_STORED = 2**29
+#: States of up to this many components are unrolled; longer code would compile slowly.
+_UNROLLED = 16
+#: Steps that an adaptive loop takes before its results are put away.
+_CHUNK = 256
 
 
 class IntegrationError(ArithmeticError):
@@ -36,11 +30,30 @@ class IntegrationError(ArithmeticError):
 
 @dataclass(frozen=True)
 class Solution:
-    """Result of `integrate`."""
+    """Result of `integrate`; an adaptive one can be called with the times wanted."""
 
     t: np.ndarray  #: (n,) times, first and last those of ``t_span``
     y: np.ndarray  #: (m, n) states
     nfev: int  #: right-hand-side evaluations
+    rejected: int = 0  #: steps that the error control tried in vain
+    _interpolate: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def __call__(self, t: float | np.ndarray) -> np.ndarray:
+        """State (m,) at a time, or (m, k) at k times, from the continuous extension.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the run, or the run has no continuous extension.
+        """
+        if self._interpolate is None:
+            raise ValueError("this solution has fixed steps and no continuous extension")
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        low, high = sorted((self.t[0], self.t[-1]))
+        if not ((times >= low) & (times <= high)).all():
+            raise ValueError(f"t = {t}: outside the run, which goes from {low} to {high}")
+        y = self._interpolate(times)
+        return y[:, 0] if np.ndim(t) == 0 else y
 
 
 def integrate(
@@ -48,11 +61,15 @@ def integrate(
     t_span: tuple[float, float],
     y0: Sequence[float] | np.ndarray,
     tableau: Tableau,
-    step_size: float,
+    step_size: float | None = None,
     form: Form = "additive",
     args: tuple = (),
+    *,
+    shift: float | Sequence[float] | np.ndarray | None = None,
+    rtol: float = 1e-6,
+    atol: float | Sequence[float] | np.ndarray = 1e-9,
 ) -> Solution:
-    r"""Integrate ẏ = f(t, y) with a fixed step.
+    r"""Integrate ẏ = f(t, y) with a fixed step, or with steps chosen by an embedded pair.
 
     Parameters
     ----------
@@ -66,14 +83,22 @@ def integrate(
         State at ``t_span[0]``.
     tableau : Tableau
         The method, such as `armsim.methods.tableaux.RK6`.
-    step_size : float
-        Positive; time runs backwards if ``t_span[1] < t_span[0]``.
-    form : {"additive", "exponential"}
-        ``"additive"`` is the ordinary method. ``"exponential"`` applies it to :math:`\ln y`: the
-        stages are :math:`y \exp(h \sum a_{ij} k_j)` with :math:`k = f/y`; every component has
-        to be positive.
+    step_size : float, optional
+        Positive; time runs backwards if ``t_span[1] < t_span[0]``. Left out, the step is
+        controlled by `rtol` and `atol`, which needs a tableau with embedded weights (DP5).
+    form : {"additive", "exponential", "exponential product", "as printed"}
+        ``"additive"`` is the ordinary method. ``"exponential"`` is the same method in the
+        variable :math:`\ln(y + s)`: stages are :math:`(y + s) \exp(h \sum a_{ij} k_j) - s` with
+        :math:`k = f/(y + s)`. ``"exponential product"`` multiplies the exponentials one by one.
+        ``"as printed"`` is the paper's eq. (13)-(16) to the letter, without step size and
+        division; it is not consistent.
     args : tuple
         Further arguments of `fun`.
+    shift : float or (m,) array_like, optional
+        The shift s of the exponential form; 0 if left out. ``y + s`` has to stay positive.
+    rtol, atol : float
+        Tolerances of the error control: a step is accepted when the root mean square over the
+        components of error / (atol + rtol |y|) is at most 1. `atol` may be an (m,) array.
 
     Returns
     -------
@@ -85,7 +110,8 @@ def integrate(
     ValueError
         If an argument is out of range; the message names it, its value and what is allowed.
     IntegrationError
-        If the solution blows up; the message names the method, the step and the time.
+        If the solution blows up, reaches zero in the exponential form, or needs steps too small
+        to tell apart; the message names the method, the step and the time.
 
     Examples
     --------
@@ -94,7 +120,11 @@ def integrate(
     >>> print(f"{run.y[0, -1]:.8f} after {run.nfev} evaluations")
     0.36787944 after 70 evaluations
     """
-    start, end, y0 = _checked(t_span, y0, step_size, form)
+    start, end, y0 = _checked_problem(t_span, y0)
+    s = _checked_shift(shift, y0, form)
+    if step_size is None:
+        return _adaptive(fun, (start, end), y0, tableau, form, args, s, rtol, atol)
+    require_positive("step_size", step_size)
     steps = max(math.ceil(abs(end - start) / step_size - 1e-9), 0)
     if (steps + 1) * (y0.size + 1) > MAX_STORED:
         raise ValueError(
@@ -107,122 +137,151 @@ def integrate(
     y[:, 0] = y0
     loop, state = _loop(fun, tableau, form, start, y0, args)
     with np.errstate(all="ignore"):  # a blow-up is reported below, once
-        loop(t, state, y, args)
-    _raise_if_not_finite(t, y, f"{tableau.name}, {form} form, step size {step_size:g}")
+        loop(t, state(y0), state(s), y, args)
+    _raise_if_lost(t, y, s, form, f"{tableau.name}, {form} form, step size {step_size:g}")
     return Solution(t, y, steps * len(tableau.evaluated_stages))
+
+
+def _adaptive(fun, t_span, y0, tableau, form, args, s, rtol, atol) -> Solution:
+    """Steps chosen by the embedded pair; results are collected in chunks."""
+    if tableau.b_embedded is None:
+        raise ValueError(
+            f"step_size is missing, and {tableau.name} has no embedded weights to control it with"
+        )
+    require_positive("rtol", rtol)
+    atol = np.broadcast_to(np.asarray(atol, dtype=float), y0.shape).copy()
+    if not (np.isfinite(atol).all() and (atol >= 0).all()):
+        raise ValueError(f"atol = {atol}: every component must be finite and not negative")
+    (t, end), y, stages = t_span, y0, tableau.stages
+    loop, state = _loop(fun, tableau, form, t, y0, args, adaptive=True)
+    power = -0.5 / (min(trees.order(tableau), _embedded_order(tableau)) + 1)
+    h, nfev = _first_step(fun, t, end, y0, atol + rtol * np.abs(y0), 2 * power, args)
+    times, states, slopes, rejected = [np.array([t])], [y0[:, None]], [], 0
+    method = f"{tableau.name}, {form} form, rtol {rtol:g}"
+    while t != end:
+        buffers = np.empty(_CHUNK), np.empty((y0.size, _CHUNK)), np.empty((_CHUNK, stages, y0.size))
+        with np.errstate(all="ignore"):
+            n, lost, t, h = loop(
+                t, end, h, state(y), state(s), rtol, state(atol), power, *buffers, args
+            )
+        times.append(buffers[0][:n])
+        states.append(buffers[1][:, :n])
+        slopes.append(buffers[2][:n])
+        rejected += lost
+        nfev += 1 + (n + lost) * (stages - 1) + (0 if tableau.fsal else n)
+        if n:
+            y = states[-1][:, -1].copy()
+            _raise_if_lost(times[-1], states[-1], s, form, method)
+        if t != end and n < _CHUNK:
+            raise IntegrationError(f"{method}: the step size fell to {h:.3g} at t = {t:.6g}")
+    solution = Solution(np.concatenate(times), np.concatenate(states, axis=1), nfev, rejected)
+    if tableau.interpolant is None or len(solution.t) == 1:
+        return solution
+    extension = _extension(solution, np.concatenate(slopes), tableau, form, s)
+    return Solution(solution.t, solution.y, nfev, rejected, extension)
+
+
+def _embedded_order(tableau: Tableau) -> int:
+    return trees.order(Tableau(f"{tableau.name} embedded", tableau.A, tableau.b_embedded))
+
+
+def _first_step(fun, t, end, y0, scale, power, args) -> tuple[float, int]:
+    """Starting step of Hairer, Nørsett and Wanner I, section II.4, and the evaluations it took."""
+    if t == end:
+        return 0.0, 0
+
+    def norm(v):
+        return float(np.sqrt(np.mean((v / scale) ** 2)))
+
+    slope = _as_slope(fun(t, y0, *args), y0)
+    d0, d1 = norm(y0), norm(slope)
+    h0 = 1e-6 if min(d0, d1) < 1e-5 else 0.01 * d0 / d1
+    h0 = math.copysign(min(h0, abs(end - t)), end - t)
+    change = _as_slope(fun(t + h0, y0 + h0 * slope, *args), y0) - slope
+    largest = max(d1, norm(change) / abs(h0))
+    h1 = max(1e-6, abs(h0) * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** -power
+    return math.copysign(min(100 * abs(h0), h1, abs(end - t)), end - t), 2
+
+
+def _extension(run: Solution, slopes: np.ndarray, tableau: Tableau, form: str, s: np.ndarray):
+    """Continuous extension y(t + θh), moved from the left end of a step along Σ b_i(θ) k_i."""
+    P = np.array(tableau.interpolant.tolist(), dtype=float)
+    direction = 1 if run.t[-1] >= run.t[0] else -1
+
+    def interpolate(times: np.ndarray) -> np.ndarray:
+        n = np.searchsorted(direction * run.t, direction * times, side="right") - 1
+        n = np.clip(n, 0, run.t.size - 2)
+        h = run.t[n + 1] - run.t[n]
+        powers = ((times - run.t[n]) / h)[:, None] ** np.arange(1, P.shape[1] + 1)
+        z = h * np.einsum("nsm,sq,nq->mn", slopes[n], P, powers)
+        left = run.y[:, n]
+        return left + z if form == "additive" else (left + s[:, None]) * np.exp(z) - s[:, None]
+
+    return interpolate
 
 
 # --- input and output -------------------------------------------------------------------------
 
 
-def _checked(t_span, y0, step_size, form) -> tuple[float, float, np.ndarray]:
+def _checked_problem(t_span, y0) -> tuple[float, float, np.ndarray]:
     try:
         start, end = map(float, t_span)
     except (TypeError, ValueError) as error:
         raise ValueError(f"t_span = {t_span!r}: two numbers are needed") from error
     if not (math.isfinite(start) and math.isfinite(end)):
         raise ValueError(f"t_span = {t_span!r}: both times must be finite")
-    if isinstance(step_size, bool) or not (math.isfinite(step_size) and step_size > 0):
-        raise ValueError(f"step_size = {step_size!r} is not allowed; it must be finite and positive")
-    y0 = np.asarray(y0, dtype=float)
+    y0 = np.array(y0, dtype=float)
     if y0.ndim != 1 or y0.size == 0:
         raise ValueError(f"y0 has shape {y0.shape}; one row of at least one number is needed")
     if not np.isfinite(y0).all():
         raise ValueError(f"y0 = {y0}: every component must be finite")
-    if form not in _FORMS:
-        raise ValueError(f"form = {form!r} is not known; allowed are {list(_FORMS)}")
-    if form == "exponential" and (y0 <= 0).any():
-        raise ValueError(
-            f"y0[{np.argmin(y0)}] = {y0.min()}: the exponential form needs positive components, "
-            "since it divides by them and takes their logarithm"
-        )
     return start, end, y0
 
 
-def _raise_if_not_finite(t: np.ndarray, y: np.ndarray, method: str) -> None:
-    if np.isfinite(y[:, -1]).all():  # what is not finite once stays so
+def _checked_shift(shift, y0: np.ndarray, form: str) -> np.ndarray:
+    """Shift of each component; zeros where there is none."""
+    if form not in FORMS:
+        raise ValueError(f"form = {form!r} is not known; allowed are {list(FORMS)}")
+    if shift is None:
+        s = np.zeros(y0.size)
+    elif form == "additive":
+        raise ValueError(f"shift = {shift!r}: the additive form has no shift")
+    else:
+        s = np.array(shift, dtype=float)
+        if s.ndim > 1 or s.size not in (1, y0.size) or not np.isfinite(s).all():
+            raise ValueError(
+                f"shift = {shift!r}: one finite number is needed, or {y0.size}, one a component"
+            )
+        s = np.broadcast_to(s, y0.shape).copy()
+    if form.startswith("exponential") and (y0 + s <= 0).any():
+        worst = int(np.argmin(y0 + s))
+        raise ValueError(
+            f"y0[{worst}] = {y0[worst]:g} with shift {s[worst]:g}: the exponential form needs "
+            "y0 + shift > 0 in every component, since it takes its logarithm"
+        )
+    return s
+
+
+def require_positive(name: str, value: object) -> None:
+    """Raise ValueError unless a value is a finite positive real number."""
+    real = isinstance(value, Real) and not isinstance(value, bool)
+    if not (real and math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and positive")
+
+
+def _raise_if_lost(t: np.ndarray, y: np.ndarray, s: np.ndarray, form: str, method: str) -> None:
+    """Report the first state that is not finite or, in the exponential form, not positive."""
+    lost = ~np.isfinite(y)
+    if form.startswith("exponential"):
+        lost |= y + s[:, None] <= 0
+    elif not lost[:, -1].any():  # what is not finite once stays so
         return
-    bad = ~np.isfinite(y)
-    first = int(np.argmax(bad.any(axis=0)))
-    raise IntegrationError(
-        f"{method}: the solution blew up; component {int(np.argmax(bad[:, first]))} is not finite "
-        f"at t = {t[first]:.6g}, after {first} steps"
-    )
-
-
-# --- the generated loop -----------------------------------------------------------------------
-
-#: form: (state moved by z = h Σ a k, slope of that state)
-_FORMS = {"additive": ("{y} + {z}", "{f}"), "exponential": ("{y}*exp({z})", "{f}/{u}")}
-
-
-def loop_source(tableau: Tableau, size: int | None, form: Form = "additive") -> str:
-    """Source of the fixed-step loop ``loop(t, y, out, args)``.
-
-    Parameters
-    ----------
-    tableau : Tableau
-        The method.
-    size : int or None
-        Number of components into which the state is unrolled; with None it stays one array.
-    form : {"additive", "exponential"}
-        See `integrate`.
-
-    Returns
-    -------
-    str
-        Python source that calls ``fun`` and, in the exponential form, ``exp``.
-    """
-    moved, slope = _FORMS[form]
-    A, b, c = tableau.floats()
-    parts = [""] if size is None else [f"_{j}" for j in range(size)]
-    comma = "" if size is None else ","
-
-    def names(letter: str) -> str:
-        return ", ".join(f"{letter}{part}" for part in parts) + comma
-
-    def combination(weights: np.ndarray, part: str) -> str:
-        terms = [f"{w!r}*k{j}{part}" for j, w in enumerate(weights.tolist()) if w]
-        z = f"h*({' + '.join(terms)})"
-        return moved.format(y=f"y{part}", z=z) if terms else f"y{part}"
-
-    lines = ["def loop(t, y, out, args):", f"    {names('y')} = y"]
-    lines += ["    for n in range(t.size - 1):", "        h = t[n + 1] - t[n]"]
-    for i in tableau.evaluated_stages:
-        lines += [f"        u{part} = {combination(A[i], part)}" for part in parts]
-        state = f"({names('u')})" if comma else "u"
-        lines.append(f"        {names('f')} = fun(t[n] + {float(c[i])!r}*h, {state}, *args)")
-        lines += [
-            f"        k{i}{part} = {slope.format(f=f'f{part}', u=f'u{part}')}" for part in parts
-        ]
-    lines += [f"        y{part} = {combination(b, part)}" for part in parts]
-    rows = [":"] if size is None else range(size)
-    lines += [f"        out[{row}, n + 1] = y{part}" for row, part in zip(rows, parts, strict=True)]
-    return "\n".join(lines) + "\n"
-
-
-#: States of up to this many components are unrolled; longer code would compile slowly.
-_UNROLLED = 16
-
-
-def _loop(fun, tableau, form, start, y0, args) -> tuple[Callable[..., None], Any]:
-    """Loop for this right-hand side, and the initial state as it takes it."""
-    if not is_jitted(fun):
-        return _python_loop(fun, tableau, form), y0
-    unrolled = y0.size <= _UNROLLED and _takes_tuples(fun, start, tuple(y0.tolist()), args)
-    if unrolled:
-        return _compiled_loop(fun, tableau, y0.size, form), tuple(y0.tolist())
-    _as_slope(fun(start, y0, *args), y0)
-    return _compiled_loop(fun, tableau, None, form), y0
-
-
-def _takes_tuples(fun, start, state, args) -> bool:
-    """Whether a compiled `fun` maps a tuple of scalars to another, rather than needs arrays."""
-    try:
-        slope = fun(start, state, *args)
-    except TypingError:
-        return False
-    return isinstance(slope, tuple) and len(slope) == len(state)
+    if lost.any():
+        n = int(np.argmax(lost.any(axis=0)))
+        which = int(np.argmax(lost[:, n]))
+        finite = np.isfinite(y[which, n])
+        what = "reached zero, where the exponential form ends," if finite else "blew up"
+        raise IntegrationError(f"{method}: component {which} {what} at t = {t[n]:.6g}, step {n}")
 
 
 def _as_slope(value, y: np.ndarray) -> np.ndarray:
@@ -235,46 +294,24 @@ def _as_slope(value, y: np.ndarray) -> np.ndarray:
     return slope
 
 
-def _python_loop(fun, tableau, form) -> Callable[..., None]:
-    namespace = {"exp": np.exp, "fun": lambda t, y, *args: _as_slope(fun(t, y, *args), y)}
-    exec(_source(tableau, None, form), namespace)
-    return namespace["loop"]
+# --- which loop -------------------------------------------------------------------------------
 
 
-_source = cache(loop_source)
+def _loop(fun, tableau, form, start, y0, args, adaptive=False) -> tuple[Callable, Callable]:
+    """Loop for this right-hand side, and what turns an array into a state as it takes it."""
+    if not is_jitted(fun):
+        checked = lambda t, y, *args: _as_slope(fun(t, y, *args), y)  # noqa: E731
+        return python_loop(checked, tableau, form, adaptive), np.asarray
+    if y0.size <= _UNROLLED and _takes_tuples(fun, start, tuple(y0.tolist()), args):
+        return compiled_loop(fun, tableau, y0.size, form, adaptive), lambda y: tuple(y.tolist())
+    _as_slope(fun(start, y0, *args), y0)
+    return compiled_loop(fun, tableau, None, form, adaptive), np.asarray
 
 
-@cache
-def _compiled_loop(fun, tableau, size, form) -> Callable[..., None]:
-    source = _source(tableau, size, form)
-    exp = np.exp if size is None else math.exp
-    namespace = {"fun": fun, "exp": exp, "__name__": __name__}
-    file = _source_file(source, fun)
-    exec(compile(source, file or "<generated>", "exec"), namespace)
-    decorate = njit(cache=file is not None, fastmath={"contract"}, error_model="numpy")
-    return decorate(namespace["loop"])
-
-
-def _source_file(source: str, fun) -> str | None:
-    """File that holds generated source, so that numba keeps its machine code between runs.
-
-    Its name is a digest of the source and of the module that `fun` comes from: a change of either
-    makes a new file. A function that cannot be imported again, or a folder that cannot be
-    written, means no file and a compilation in every process.
-    """
-    module = sys.modules.get(fun.py_func.__module__)
-    if getattr(module, fun.py_func.__qualname__, None) is not fun or module.__name__ == "__main__":
-        return None
+def _takes_tuples(fun, start, state, args) -> bool:
+    """Whether a compiled `fun` maps a tuple of scalars to another, rather than needs arrays."""
     try:
-        origin = Path(inspect.getfile(module)).read_bytes()
-        name = f"{module.__name__}.{fun.py_func.__qualname__}"
-        digest = hashlib.sha256(b"\0".join([source.encode(), name.encode(), origin])).hexdigest()
-        file = Path(__file__).parent / "__pycache__" / f"loop_{digest[:16]}.py"
-        if not file.exists():
-            file.parent.mkdir(exist_ok=True)
-            draft = file.with_suffix(f".{os.getpid()}")
-            draft.write_text(f"# {name}\n{source}", encoding="utf-8")
-            draft.replace(file)
-    except (OSError, TypeError):
-        return None
-    return str(file)
+        slope = fun(start, state, *args)
+    except TypingError:
+        return False
+    return isinstance(slope, tuple) and len(slope) == len(state)

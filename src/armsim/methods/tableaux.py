@@ -4,15 +4,21 @@ A tableau is written once, as text, and everything else (nodes, stage count, whe
 stage can be reused, floats, compiled code) derives from it.
 """
 
+from __future__ import annotations
+
 import re
 import tomllib
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy
 
 from armsim.paths import DATA
+
+if TYPE_CHECKING:
+    from scipy.integrate import OdeSolver
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +36,9 @@ class Tableau:
         Weights.
     b_embedded : (s,) array_like of exact numbers, optional
         Weights of the embedded method whose difference from `b` estimates the error.
+    interpolant : (s, q) array_like of exact numbers, optional
+        Coefficients of the weights of a continuous extension: row i holds those of
+        :math:`b_i(\theta) = \sum_k p_{ik} \theta^k`, k = 1 … q.
     reference : str
         Where the coefficients come from.
 
@@ -44,6 +53,7 @@ class Tableau:
     A: sympy.Array
     b: sympy.Array
     b_embedded: sympy.Array | None = None
+    interpolant: sympy.Array | None = field(default=None, repr=False)
     reference: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
@@ -66,16 +76,21 @@ class Tableau:
                         "entries on and above the diagonal must be 0"
                     )
         object.__setattr__(self, "A", sympy.ImmutableDenseNDimArray(rows))
-        for label in ("b", "b_embedded"):
+        for label in ("b", "b_embedded", "interpolant"):
             if (weights := getattr(self, label)) is None:
                 continue
-            weights = [_exact(w, f"{label}[{i}]") for i, w in enumerate(weights)]
             if len(weights) != s:
                 raise ValueError(
                     f"tableau {self.name}: {label} has {len(weights)} weights; a tableau of "
                     f"{s} stages needs {s}"
                 )
-            object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(weights))
+            exact = [
+                [_exact(w, f"{label}[{i}]") for w in weight]
+                if label == "interpolant"
+                else _exact(weight, f"{label}[{i}]")
+                for i, weight in enumerate(weights)
+            ]
+            object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
 
     @cached_property
     def c(self) -> sympy.Array:
@@ -100,6 +115,33 @@ class Tableau:
             if self.b[i] != 0 or any(self.A[k, i] != 0 for k in needed):
                 needed.add(i)
         return tuple(sorted(needed))
+
+    def solver(self, step_size: float, form: str = "additive", shift: Any = None) -> type[OdeSolver]:
+        """Fixed-step solver class for the `method` argument of `scipy.integrate.solve_ivp`.
+
+        Parameters
+        ----------
+        step_size : float
+            Positive; the last step is shortened to end at the end of the interval.
+        form, shift
+            As in `armsim.methods.integrate`.
+
+        Returns
+        -------
+        subclass of scipy.integrate.OdeSolver
+
+        Examples
+        --------
+        >>> from scipy.integrate import solve_ivp
+        >>> from armsim.methods import tableaux
+        >>> rk6 = tableaux.RK6.solver(step_size=0.1)
+        >>> run = solve_ivp(lambda t, y: [y[1], -y[0]], (0, 3), [0, 1], method=rk6)
+        >>> print(f"{run.y[0, -1]:.6f} after {run.nfev} evaluations")
+        0.141120 after 210 evaluations
+        """
+        from armsim.methods.scipy_solver import fixed_step_solver
+
+        return fixed_step_solver(self, step_size, form, shift)
 
     def floats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,): the one place that rounds."""
@@ -176,7 +218,28 @@ _DP_FIFTH = "35/384 0 500/1113 125/192 -2187/6784 11/84 0".split()
 _DP_FOURTH = "5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40".split()
 _DP_REFERENCE = "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19-26, RK5(4)7M"
 
-DP5 = Tableau("DP5", _DP_ROWS, _DP_FIFTH, b_embedded=_DP_FOURTH, reference=_DP_REFERENCE)
+# Fourth-order interpolant with continuous derivative: Shampine, Math. Comp. 46 (1986) 135-150
+_DP_INTERPOLANT = [
+    row.split()
+    for row in """
+    1  -8048581381/2820520608     8663915743/2820520608     -12715105075/11282082432
+    0   0                         0                          0
+    0   131558114200/32700410799 -68118460800/10900136933    87487479700/32700410799
+    0  -1754552775/470086768      14199869525/1410260304    -10690763975/1880347072
+    0   127303824393/49829197408 -318862633887/49829197408   701980252875/199316789632
+    0  -282668133/205662961       2019193451/616988883      -1453857185/822651844
+    0   40617522/29380423        -110615467/29380423         69997945/29380423
+    """.strip().splitlines()
+]
+
+DP5 = Tableau(
+    "DP5",
+    _DP_ROWS,
+    _DP_FIFTH,
+    b_embedded=_DP_FOURTH,
+    interpolant=_DP_INTERPOLANT,
+    reference=_DP_REFERENCE,
+)
 #: The embedded weights of the same pair, which the paper takes for a sixth-order method.
 DP4 = Tableau("DP4", _DP_ROWS, _DP_FOURTH, reference=_DP_REFERENCE)
 

@@ -1,0 +1,66 @@
+"""A tableau as a solver of `scipy.integrate.solve_ivp`, to try the methods on any problem."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.integrate import DenseOutput, OdeSolver
+from scipy.interpolate import CubicHermiteSpline
+
+from armsim.methods.runge_kutta import IntegrationError, integrate, require_positive
+from armsim.methods.tableaux import Tableau
+
+
+class _Hermite(DenseOutput):
+    """Cubic polynomial with the values and slopes at the ends of a step."""
+
+    def __init__(self, times: list[float], states: list[np.ndarray], slopes: list) -> None:
+        super().__init__(*times)
+        ends = slice(None, None, 1 if times[1] > times[0] else -1)
+        self._spline = CubicHermiteSpline(times[ends], states[ends], slopes[ends])
+
+    def _call_impl(self, t: np.ndarray) -> np.ndarray:
+        return self._spline(t).T
+
+
+def fixed_step_solver(tableau: Tableau, step_size: float, form: Any, shift: Any) -> type[OdeSolver]:
+    """Make the class; see `Tableau.solver`."""
+    require_positive("step_size", step_size)
+
+    class FixedStep(OdeSolver):
+        """Fixed steps with one tableau, between them a cubic Hermite polynomial."""
+
+        def __init__(
+            self,
+            fun: Callable,
+            t0: float,
+            y0: np.ndarray,
+            t_bound: float,
+            vectorized: bool = False,
+            **unused: Any,
+        ) -> None:
+            if unused:
+                raise ValueError(f"options {sorted(unused)}: a fixed-step solver has none")
+            super().__init__(fun, t0, y0, t_bound, vectorized)
+            self.taken, self.start, self.y_old = 0, t0, self.y
+            # the last step is shortened; a remainder below rounding is no step of its own
+            self.steps = max(int(np.ceil(abs(t_bound - t0) / step_size - 1e-9)), 1)
+
+        def _step_impl(self) -> tuple[bool, str | None]:
+            self.taken += 1
+            end = self.start + self.direction * self.taken * step_size
+            end = self.t_bound if self.taken >= self.steps else end
+            span = (self.t, end)
+            once = abs(end - self.t) * (1 + 1e-6)  # one step, however it rounds
+            try:
+                run = integrate(self.fun, span, self.y, tableau, once, form, shift=shift)
+            except IntegrationError as error:
+                return False, str(error)
+            self.t, self.y_old, self.y = end, self.y, run.y[:, -1]
+            return True, None
+
+        def _dense_output_impl(self) -> DenseOutput:
+            times, states = [self.t_old, self.t], [self.y_old, self.y]
+            return _Hermite(times, states, [self.fun(t, y) for t, y in zip(times, states, strict=True)])
+
+    return FixedStep

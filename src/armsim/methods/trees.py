@@ -1,0 +1,221 @@
+r"""Rooted trees and the order conditions of Runge-Kutta methods, in exact numbers.
+
+A rooted tree is the tuple of the subtrees that hang from its root: ``()`` is the single node τ,
+``((),)`` is [τ] and ``((), ())`` is [τ, τ]. Subtrees stand in descending order, so that equal
+trees are equal tuples.
+
+A method has order p if its elementary weight Φ(t) is 1/γ(t) for every tree t of up to p nodes
+(Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, theorem II.2.13;
+Butcher, *Numerical Methods for Ordinary Differential Equations*, section 315).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import count, groupby
+from math import factorial, prod
+from typing import Any
+
+import sympy
+from sympy.polys.constructor import construct_domain
+
+from armsim.methods.tableaux import Tableau
+
+Tree = tuple["Tree", ...]
+
+
+@cache
+def rooted_trees(order: int) -> tuple[Tree, ...]:
+    """All rooted trees with `order` nodes, bushy ones first.
+
+    Raises
+    ------
+    ValueError
+        If `order` is not a positive integer.
+
+    Examples
+    --------
+    >>> [len(rooted_trees(n)) for n in range(1, 9)]
+    [1, 1, 2, 4, 9, 20, 48, 115]
+    """
+    if not isinstance(order, int) or order < 1:
+        raise ValueError(f"order = {order!r}: a rooted tree has a positive integer of nodes")
+    if order == 1:
+        return ((),)
+    # Cut off the first, greatest subtree; what remains is a smaller tree.
+    return tuple(
+        (branch, *rest)
+        for size in range(1, order)
+        for branch in rooted_trees(size)
+        for rest in rooted_trees(order - size)
+        if not rest or rest[0] <= branch
+    )
+
+
+@cache
+def size(tree: Tree) -> int:
+    """Count the nodes of a tree, its order."""
+    return 1 + sum(map(size, tree))
+
+
+@cache
+def symmetry(tree: Tree) -> int:
+    """σ(t): the number of ways to exchange equal subtrees (Butcher, section 304)."""
+    equal = [(branch, len(list(group))) for branch, group in groupby(tree)]
+    return prod(factorial(times) * symmetry(branch) ** times for branch, times in equal)
+
+
+@cache
+def density(tree: Tree) -> int:
+    """γ(t): the product of the sizes of all subtrees, the tree itself included."""
+    return size(tree) * prod(map(density, tree))
+
+
+def elementary_weight(tree: Tree, A: Sequence[Sequence[Any]], b: Sequence[Any]) -> Any:
+    r"""Φ(t) of a method, in whatever numbers `A` and `b` hold.
+
+    Parameters
+    ----------
+    tree : nested tuples
+    A : (s, s) nested sequence of numbers
+        Fractions, SymPy numbers, floats, anything that adds and multiplies.
+    b : (s,) sequence of numbers
+
+    Returns
+    -------
+    number
+        :math:`\sum_i b_i \prod_k g_{k,i}` over the subtrees k of the root, where each subtree
+        has :math:`g_{k,i} = \sum_j a_{ij} \prod_l g_{l,j}` over its own subtrees l.
+
+    Examples
+    --------
+    >>> elementary_weight(((), ()), [[0, 0], [0.5, 0]], [0, 1])  # Σ b c² of the midpoint rule
+    0.25
+    """
+    return _dot(b, _product(tree, A, {}))
+
+
+def _dot(left: Sequence[Any], right: Sequence[Any]) -> Any:
+    return sum(x * y for x, y in zip(left, right, strict=True) if x)
+
+
+def _product(tree: Tree, A: Sequence[Sequence[Any]], known: dict[Tree, list[Any]]) -> list[Any]:
+    """Per stage, the product over the subtrees; `known` keeps those of trees met before."""
+    if tree not in known:
+        branches = [[_dot(row, _product(branch, A, known)) for row in A] for branch in tree]
+        known[tree] = [prod(values) for values in zip(*branches, strict=True)] or [1] * len(A)
+    return known[tree]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One order condition of a method: Φ(t) = 1/γ(t)."""
+
+    tree: Tree
+    order: int  #: nodes of the tree
+    symmetry: int  #: σ(t)
+    density: int  #: γ(t)
+    weight: sympy.Expr  #: Φ(t), exact
+    residual: sympy.Expr  #: Φ(t) - 1/γ(t), exactly zero if the condition holds
+
+    @property
+    def error_coefficient(self) -> sympy.Expr:
+        """Factor of h^order F(t)(y) in the local error (Butcher, section 318)."""
+        return self.residual / self.symmetry
+
+
+class _Method:
+    """A tableau in the smallest field that holds it, where zero is decided exactly."""
+
+    def __init__(self, tableau: Tableau) -> None:
+        s = tableau.stages
+        self.field, numbers = construct_domain(
+            [*sympy.flatten(tableau.A), *tableau.b], field=True, extension=True
+        )
+        self.A = [numbers[i * s : (i + 1) * s] for i in range(s)]
+        self.b = numbers[s * s :]
+        self.known: dict[Tree, list[Any]] = {}
+
+    def weight(self, tree: Tree) -> Any:
+        return self.field.convert(_dot(self.b, _product(tree, self.A, self.known)))
+
+    def residual(self, tree: Tree) -> Any:
+        return self.weight(tree) - self.field.one / self.field.convert(density(tree))
+
+
+def residuals(tableau: Tableau, order: int) -> list[Condition]:
+    """Check every order condition up to `order`, exactly.
+
+    Returns
+    -------
+    list of Condition
+        In the order of `rooted_trees`, small trees first.
+
+    Raises
+    ------
+    ValueError
+        If `order` is not a positive integer.
+    """
+    rooted_trees(order)  # complains about an impossible order
+    method = _Method(tableau)
+    exact = method.field.to_sympy
+    return [
+        Condition(tree, n, symmetry(tree), density(tree),
+                  exact(method.weight(tree)), exact(method.residual(tree)))
+        for n in range(1, order + 1)
+        for tree in rooted_trees(n)
+    ]  # fmt: skip
+
+
+def order(tableau: Tableau) -> int:
+    """Order of a method, exactly: the last order of which every condition holds.
+
+    Examples
+    --------
+    >>> from armsim.methods import tableaux
+    >>> order(tableaux.RK6), order(tableaux.PRINTED["rk6"])
+    (6, 1)
+    """
+    method = _Method(tableau)
+    # An explicit method of s stages fails for the tall tree of s + 1 nodes, so this ends.
+    return next(n for n in count(1) if any(map(method.residual, rooted_trees(n)))) - 1
+
+
+def latex(tree: Tree) -> str:
+    r"""Bracket notation of a tree for mathematics mode, such as ``[\tau^{2},[\tau]]``.
+
+    Examples
+    --------
+    >>> print(latex((((),), (), ())))
+    [[\tau],\tau^{2}]
+    """
+    powers = [(latex(branch), len(list(group))) for branch, group in groupby(tree)]
+    return f"[{','.join(t if n == 1 else f'{t}^{{{n}}}' for t, n in powers)}]" if tree else r"\tau"
+
+
+def layout(tree: Tree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
+    """Positions to draw a tree at: the root at the origin, every leaf in a column of its own.
+
+    Returns
+    -------
+    nodes : list of (x, y)
+        The root first, at (0, 0); y is the distance from it, neighbouring leaves are 1 apart.
+    edges : list of (int, int)
+        Indices of parent and child.
+    """
+    nodes: list[tuple[float, float]] = []
+    edges: list[tuple[int, int]] = []
+    columns = count()
+
+    def place(branch: Tree, level: int) -> int:
+        me = len(nodes)
+        nodes.append((0.0, 0.0))
+        below = [place(child, level + 1) for child in branch]
+        edges.extend((me, child) for child in below)
+        x = sum(nodes[k][0] for k in below) / len(below) if below else float(next(columns))
+        nodes[me] = (x, float(level))
+        return me
+
+    place(tree, 0)
+    root = nodes[0][0]
+    return [(x - root, y) for x, y in nodes], edges
