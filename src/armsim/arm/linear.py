@@ -82,9 +82,15 @@ class LinearAxis:
         Raises
         ------
         ValueError
-            If two poles of the loop nearly coincide, where partial fractions lose all digits.
+            If `set_velocity` is not finite, if two poles of the loop nearly coincide, where
+            partial fractions lose all digits, or if a pole is 0, so that the velocity has no
+            final value.
         """
+        if not np.isfinite(set_velocity):
+            raise ValueError(f"set_velocity = {set_velocity!r} is not allowed; it must be finite")
         numerator, denominator = self.transfer_function
+        if denominator[-1] == 0:
+            raise ValueError("K_2 = B_m = B_a = 0: the velocity grows without end; give one a value")
         poles = np.roots(denominator)
         gaps = np.abs(poles[:, None] - poles[None, :]) + np.diag(np.full(len(poles), np.inf))
         if gaps.min() < 1e-7 * np.abs(poles).max():
@@ -140,12 +146,12 @@ class StepResponse:
         )
 
     def peak_current(self) -> float:
-        """Largest motor current in A; in the model it starts from zero."""
+        """Largest magnitude of the motor current in A; in the model it starts from zero."""
         t = self._grid(1e-6 * abs(self.final))
-        top = int(np.argmax(self.current(t)))
+        top = int(np.argmax(np.abs(self.current(t))))
         low, high = t[max(top - 1, 0)], t[min(top + 1, len(t) - 1)]
         best = minimize_scalar(
-            lambda s: -float(self.current(s)), (low, high), (low, high), method="bounded",
+            lambda s: -abs(float(self.current(s))), (low, high), (low, high), method="bounded",
             options={"xatol": 1e-12},
         )  # fmt: skip
         return -float(best.fun)
@@ -158,6 +164,8 @@ class StepResponse:
         """Times that resolve every mode, up to where all modes together are below `rest`."""
         if (slowest := -self.poles.real.max()) <= 0:
             raise ValueError(f"the loop is not stable; its poles are {self.poles}")
+        if rest == 0:
+            raise ValueError("the response is 0 at all times; set velocity and K_1 must not be 0")
         end = np.log(max(np.abs(self.residues).sum() / rest, 2.0)) / slowest + 1e-9
         fastest = np.abs(self.poles).max()
         return np.union1d(np.linspace(0, end, 20001), np.geomspace(1e-3 / fastest, end, 2001))

@@ -165,7 +165,10 @@ def _gain_for_set_velocity(p: AxisParameters) -> float:
 def _checked(name: str, value: object, zero: bool) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a huge integer
+        number = math.inf
     if not math.isfinite(number) or number < 0 or (number == 0 and not zero):
         allowed = "not negative" if zero else "positive"
         raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and {allowed}")

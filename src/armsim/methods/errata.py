@@ -6,7 +6,7 @@ edits, in all rows at once. An edit is what goes wrong in typesetting:
 - the sign of a coefficient flipped;
 - a digit of a numerator or denominator replaced, inserted, deleted, or swapped with its neighbour
   (the number does not then begin with 0);
-- two neighbouring coefficients of a row exchanged.
+- two neighbouring coefficients of a row exchanged (once in a row).
 
 Coefficients that are not printed stay 0, and nodes are the row sums of A.
 
@@ -20,24 +20,27 @@ quadrature conditions :math:`\sum_i b_i c_i^{k-1} = 1/k` are used, which determi
 is left is decided by `armsim.methods.trees.order`. So the claim is: *among all tableaux within
 the edits whose stages satisfy* :math:`q_i = 0`, those found are all that reach the highest order.
 
-**When the condition on q is no restriction.** Three of the conditions of order 5, those for
-:math:`b c^4`, :math:`b c^2 (Ac)` and :math:`b (Ac)^2`, add up to
+**When q = 0 is no restriction.** Three of the conditions of order 5, those for the weights
+:math:`b c^4`, :math:`b c^2 (Ac)` and :math:`b (Ac)^2`, combine to
 
 .. math:: \sum_i b_i q_i^2 = \tfrac{1}{20} - \tfrac{1}{10} + \tfrac{1}{4} \cdot \tfrac{1}{5} = 0,
 
-hence where no weight is negative, every method of order 5 or more has :math:`q_i = 0` at each
-stage with a weight. `Errata.weights_tied` counts the rows of weights for which this holds.
+so if no weight is negative, every method of order 5 or more has :math:`q_i = 0` wherever
+:math:`b_i \ne 0`. `Errata.weights_positive` counts the weights for which this holds; for others,
+such as those of Dormand and Prince, it is part of what is searched.
 
-All pruning is by arithmetic modulo a prime larger than every denominator that occurs: an equation
-between the rationals holds modulo the prime too, so nothing is lost, and what passes by accident
-fails the exact test of the order.
+Rows are sifted modulo a prime larger than every denominator that occurs: an equation between
+rationals holds modulo the prime too, so nothing is lost, and what passes by accident fails the
+exact test of the order.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations, product
-from math import prod
+from functools import cache
+from itertools import combinations, pairwise
+from math import gcd, prod
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,21 +49,21 @@ from armsim.methods.tableaux import Tableau, printed_fractions
 
 Pair = tuple[int, int]
 
-_PRIME = 2**30 - 35  # sums of eight products of residues fit into 64 bits
+_EDITS = 2  # in each row
+_DIGITS = "0123456789"
+_PRIME = 2**30 - 35  # sums of seven products of residues fit into 64 bits
 _MAX_STAGES = 8
-_MAX_DENOMINATOR = 10**7 - 1  # two inserted digits keep it below the prime
-_EDITS = 2
+_MAX_DENOMINATOR = 10**7 - 1  # two digits inserted leave it below the prime
 
 
 @dataclass(frozen=True)
-class Edit:
+class Change:
     """One coefficient that differs from the print."""
 
     coefficient: str  #: such as ``"a_61"`` or ``"b_5"``
     printed: str
-    corrected: str
+    corrected: str  #: of the fractions of this value, one that the fewest edits lead to
     kind: str
-    edits: int  #: how many single edits that is
 
 
 @dataclass(frozen=True)
@@ -68,12 +71,8 @@ class Repair:
     """A tableau of the highest order and how it differs from the print."""
 
     tableau: Tableau
-    changes: tuple[Edit, ...]
-
-    @property
-    def edits(self) -> int:
-        """Number of single edits."""
-        return sum(change.edits for change in self.changes)
+    changes: tuple[Change, ...]
+    edits: int  #: how many single edits lead to it
 
 
 @dataclass(frozen=True)
@@ -82,11 +81,11 @@ class Errata:
 
     printed: Tableau
     order_before: int
-    order_after: int  #: the highest order within the searched edits
-    repairs: tuple[Repair, ...]  #: all that reach it, fewest edits first; empty if none is needed
+    order_after: int  #: highest order within the edits; the same if nothing beats the print
+    repairs: tuple[Repair, ...]  #: all that reach it, fewest edits first
     candidates: tuple[int, ...]  #: versions examined of each row of A below the first, and of b
     weights_consistent: int  #: versions of b that add up to 1
-    weights_tied: int  #: those for which order 5 needs stage conditions q = 0, see the module
+    weights_positive: int  #: those of them without a negative weight
 
     @property
     def unique(self) -> bool:
@@ -95,12 +94,12 @@ class Errata:
 
     @property
     def combinations(self) -> int:
-        """Size of the searched space: the product of `candidates`."""
+        """Size of the searched space."""
         return prod(self.candidates)
 
 
 def search(source: str | Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
-    """Find every tableau near a printed one that has the highest order.
+    """Find every tableau near a printed one that reaches the highest order.
 
     Parameters
     ----------
@@ -113,48 +112,47 @@ def search(source: str | Sequence[Sequence[Pair]], name: str = "tableau") -> Err
     Returns
     -------
     Errata
-        For the edits and conditions in the description of this module.
+        For the edits and the stage conditions that the description of this module states.
 
     Raises
     ------
     ValueError
-        If the key is unknown, the tableau is not explicit or has rows of unequal length, it has
-        more than eight stages, or a denominator is not an integer from 1 to 9999999.
+        If the key is unknown, the tableau is not explicit or has rows of unequal length, the
+        stages are not 2 to 8, a number is no integer, or a denominator is not within 1 and
+        9999999.
     """
     if isinstance(source, str):
         name, rows = source, printed_fractions(source)
     else:
-        rows = [[(int(n), int(d)) for n, d in row] for row in source]
-    printed = _tableau(name, _checked(rows))
-    before = trees.order(printed)
+        rows = [list(row) for row in source]
+    _check(rows)
+    printed = _tableau(name, rows)
+    before = after = trees.order(printed)
     stages, weights = [_Versions(row) for row in rows[1:-1]], _Versions(rows[-1])
-    consistent = np.flatnonzero(weights.sums == 1)
+    consistent = _consistent(weights)
     heads = _heads(stages[:-1])
     repairs: tuple[Repair, ...] = ()
-    after = before
     for target in range(printed.stages, before, -1):  # s stages never exceed order s
-        tableaux = _complete(heads, stages, weights, consistent, target)
-        if repairs := _repairs(rows, stages, weights, tableaux, name, target):
+        found = _complete(heads, stages, weights, [*consistent.values()], target)
+        if repairs := _repairs(name, rows, [*stages, weights], found, target):
             after = target
             break
     return Errata(
         printed, before, after, repairs,
-        candidates=(*(version.count for version in stages), weights.count),
+        candidates=tuple(version.count for version in (*stages, weights)),
         weights_consistent=len(consistent),
-        weights_tied=sum(all(w.value >= 0 for w in weights.choice(k)) for k in consistent),
+        weights_positive=sum(min(values) >= 0 for values in consistent),
     )  # fmt: skip
 
 
-def _checked(rows: Sequence[Sequence[Pair]]) -> Sequence[Sequence[Pair]]:
-    if not 3 <= len(rows) <= _MAX_STAGES + 1:
-        raise ValueError(
-            f"tableau of {len(rows) - 1} stages: the search takes 2 to {_MAX_STAGES} stages"
-        )
-    for row in rows:
-        for _, d in row:
-            if not 1 <= d <= _MAX_DENOMINATOR:
-                raise ValueError(f"denominator {d}: must lie within 1 and {_MAX_DENOMINATOR}")
-    return rows
+def _check(rows: Sequence[Sequence[Pair]]) -> None:
+    if not 2 <= len(rows) - 1 <= _MAX_STAGES:
+        raise ValueError(f"stages = {len(rows) - 1}: the search takes 2 to {_MAX_STAGES}")
+    for n, d in (pair for row in rows for pair in row):
+        if not (isinstance(n, int) and isinstance(d, int)):
+            raise ValueError(f"coefficient {n!r}/{d!r}: must be a pair of integers")
+        if not 1 <= d <= _MAX_DENOMINATOR:
+            raise ValueError(f"denominator {d}: must lie within 1 and {_MAX_DENOMINATOR}")
 
 
 def _tableau(name: str, rows: Sequence[Sequence[Pair]]) -> Tableau:
@@ -181,7 +179,7 @@ def _numbers(number: int) -> Iterator[tuple[int, str]]:
 
 
 def _edited(pair: Pair) -> Iterator[tuple[Pair, str]]:
-    """A coefficient after one more edit."""
+    """List what a coefficient is after one more edit."""
     n, d = pair
     yield (-n, d), "sign flipped"
     for number, kind in _numbers(abs(n)):
@@ -190,57 +188,197 @@ def _edited(pair: Pair) -> Iterator[tuple[Pair, str]]:
         yield (n, number), f"{kind} in the denominator"
 
 
+class _Reading(NamedTuple):
+    """One way to read a coefficient."""
+
+    pair: Pair
+    kinds: tuple[str, ...] = ()  # one for each single edit
+
+
+class _Readings(NamedTuple):
+    """The different values of a coefficient within two edits, each at its fewest edits."""
+
+    known: list[_Reading]
+    ends: list[int]  # how many of them need no edit, at most one, at most two
+    residues: np.ndarray
+
+
 @cache
-def _readings(pair: Pair) -> tuple[list[_Reading], list[int]]:
-    """Each value of a coefficient within two edits, and how many there are within 0, 1, 2."""
-    texts: dict[Pair, tuple[str, ...]] = {pair: ()}
+def _readings(pair: Pair) -> _Readings:
+    kinds: dict[Pair, tuple[str, ...]] = {pair: ()}
+    newest = [pair] if pair[0] else []  # what is not printed cannot be misprinted
+    values = {_lowest(pair): _Reading(pair)}
     ends = [1]
-    newest = list(texts) if pair[0] else []  # what is not printed cannot be misprinted
-    values = {Fraction(*pair): _Reading(pair, ())}
     for _ in range(_EDITS):
         # Texts of equal value stay apart here, because they lead to different second edits.
-        fresh = [(t, (*texts[base], kind)) for base in newest for t, kind in _edited(base)]
-        newest = []
-        for text, kinds in fresh:
-            if text not in texts:
-                texts[text] = kinds
-                newest.append(text)
-                values.setdefault(Fraction(*text), _Reading(text, kinds))
+        older, newest = newest, []
+        for base in older:
+            for text, kind in _edited(base):
+                if text not in kinds:
+                    kinds[text] = (*kinds[base], kind)
+                    newest.append(text)
+        for text in sorted(newest, key=lambda pair: pair[1]):  # 2/7 rather than 22/77
+            values.setdefault(_lowest(text), _Reading(text, kinds[text]))
         ends.append(len(values))
-    return list(values.values()), ends
+    residues = np.array([n * pow(d, -1, _PRIME) % _PRIME for n, d in values])
+    return _Readings(list(values.values()), ends, residues)
+
+
+def _lowest(pair: Pair) -> Pair:
+    divisor = gcd(*pair)
+    return pair[0] // divisor, pair[1] // divisor
+
+
+def _exchanged(row: Sequence[Pair]) -> Iterator[tuple[list[_Reading], int]]:
+    """Yield the row and those with neighbours exchanged, with the edits that are left."""
+    columns = [_Reading(pair) for pair in row]
+    yield columns, _EDITS
+    for j, k in pairwise(j for j, (n, _) in enumerate(row) if n):
+        moved = list(columns)
+        moved[j], moved[k] = (_Reading(row[i], ("exchanged with its neighbour",)) for i in (k, j))
+        yield moved, _EDITS - 1
+
+
+def _picks(ends: Sequence[Sequence[int]], budget: int) -> np.ndarray:
+    """Which reading of each coefficient (row) a version (column) takes, `budget` edits in all."""
+    blocks = [np.zeros((len(ends), 1), dtype=int)]
+    for j, end in enumerate(ends):
+        blocks.append(np.zeros((len(ends), end[budget] - 1), dtype=int))
+        blocks[-1][j] = np.arange(1, end[budget])
+    for j, k in combinations(range(len(ends)), 2) if budget == 2 else ():
+        both = np.mgrid[1 : ends[j][1], 1 : ends[k][1]].reshape(2, -1)
+        blocks.append(np.zeros((len(ends), both.shape[1]), dtype=int))
+        blocks[-1][[j, k]] = both
+    return np.hstack(blocks)
 
 
 class _Versions:
-    """All versions of a row within two edits, as residues, one column of a matrix each."""
+    """All versions of a row within two edits; `residues` has a column for each."""
 
     def __init__(self, row: Sequence[Pair]) -> None:
-        self._blocks = [
-            (columns, picks) for columns, budget in _exchanged(row)
-            for picks in [_picks([_readings(pair)[1] for pair, _ in columns], budget)]
-        ]  # fmt: skip
-        self.residues = np.hstack([_residues(*block) for block in self._blocks])
+        self._blocks = []
+        residues = []
+        for columns, budget in _exchanged(row):
+            readings = [_readings(column.pair) for column in columns]
+            picks = _picks([r.ends for r in readings], budget)
+            self._blocks.append((columns, budget, picks))
+            residues.append(np.stack([r.residues[k] for r, k in zip(readings, picks, strict=True)]))
+        self.residues = np.hstack(residues)
         self.sums = self.residues.sum(axis=0) % _PRIME
         self.count = len(self.sums)
-        self._printed = tuple(j for j, (n, _) in enumerate(row) if n)
+        self._ends = np.cumsum([picks.shape[1] for *_, picks in self._blocks]).tolist()
         self._half_squares = self.sums * self.sums % _PRIME * pow(2, -1, _PRIME) % _PRIME
 
     def tied(self, nodes: Sequence[int]) -> np.ndarray:
         """Versions for which Σ a_ij c_j = c_i²/2, given the nodes above; any for stage 2."""
         if len(nodes) == 1:
             return np.arange(self.count)
-        total = -self._half_squares
-        for j in self._printed:
-            total += self.residues[j] * nodes[j] % _PRIME
-        return np.flatnonzero(total % _PRIME == 0)
+        total = sum(c * self.residues[j] for j, c in enumerate(nodes) if c)
+        return np.flatnonzero((total - self._half_squares) % _PRIME == 0)
 
-    def readings(self, version: int) -> list[_Reading]:
-        """Coefficients of a version, with the edits that lead to each."""
-        for columns, picks in self._blocks:
-            if version < picks.shape[1]:
-                break
-            version -= picks.shape[1]
-        found = [_readings(pair)[0][k] for (pair, _), k in zip(columns, picks[:, version])]
-        return [
-            _Reading(reading.pair, (*moved, *reading.kinds))
-            for reading, (_, moved) in zip(found, columns, strict=True)
+    def readings(self, version: int) -> tuple[list[_Reading], int]:
+        """Coefficients of a version, and the number of edits that lead to it."""
+        block = int(np.searchsorted(self._ends, version, side="right"))
+        columns, budget, picks = self._blocks[block]
+        version -= self._ends[block]  # counted from the end of its block
+        found = [
+            _readings(c.pair).known[k] for c, k in zip(columns, picks[:, version], strict=True)
         ]
+        edits = _EDITS - budget + sum(len(reading.kinds) for reading in found)
+        pairs = zip(columns, found, strict=True)
+        return [_Reading(r.pair, (*column.kinds, *r.kinds)) for column, r in pairs], edits
+
+
+# --- search -----------------------------------------------------------------------------------
+
+
+def _heads(stages: Sequence[_Versions]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Nodes, as residues, and versions of all but the last stage that satisfy q = 0."""
+    heads: list[tuple[tuple[int, ...], tuple[int, ...]]] = [((0,), ())]
+    for stage in stages:
+        heads = [
+            ((*nodes, int(stage.sums[k])), (*chosen, int(k)))
+            for nodes, chosen in heads
+            for k in stage.tied(nodes)
+        ]
+    return heads
+
+
+def _consistent(weights: _Versions) -> dict[tuple[Fraction, ...], int]:
+    """Weights that add up to 1, exactly, and a version of the row with the fewest edits."""
+    found: dict[tuple[Fraction, ...], tuple[int, int]] = {}
+    for k in map(int, np.flatnonzero(weights.sums == 1)):
+        readings, edits = weights.readings(k)
+        values = tuple(Fraction(*reading.pair) for reading in readings)
+        if sum(values) == 1:
+            found[values] = min(found.get(values, (edits, k)), (edits, k))
+    return {values: k for values, (_, k) in found.items()}
+
+
+def _complete(
+    heads: Sequence[tuple[tuple[int, ...], tuple[int, ...]]],
+    stages: Sequence[_Versions],
+    weights: _Versions,
+    consistent: Sequence[int],
+    order: int,
+) -> Iterator[tuple[int, ...]]:
+    """Versions of all rows that satisfy q = 0 and the quadrature conditions up to `order`."""
+    nodes = np.array([head for head, _ in heads], dtype=np.int64).reshape(-1, len(stages))
+    *b, last = weights.residues[:, consistent]
+    # The last stage has to contribute moments[k] = b_s c_s^(k+1): what the others leave.
+    moments, powers = [], np.ones_like(nodes)
+    for k in range(1, order):
+        powers = powers * nodes % _PRIME
+        moments.append((pow(k + 1, -1, _PRIME) - powers @ np.array(b)) % _PRIME)
+    possible = np.ones((len(heads), len(consistent)), dtype=bool)
+    for one, next_one in pairwise(moments):
+        possible &= (moments[0] * one - last * next_one) % _PRIME == 0
+    for h in map(int, np.flatnonzero(possible.any(axis=1))):
+        above, chosen = heads[h]
+        tied = stages[-1].tied(above)
+        for w in map(int, np.flatnonzero(possible[h])):
+            node = stages[-1].sums[tied] * last[w] % _PRIME
+            for k in tied[node == moments[0][h, w]] if moments else tied:
+                yield (*chosen, int(k), consistent[w])
+
+
+def _repairs(
+    name: str,
+    rows: Sequence[Sequence[Pair]],
+    versions: Sequence[_Versions],
+    found: Iterator[tuple[int, ...]],
+    order: int,
+) -> tuple[Repair, ...]:
+    """Those of the tableaux found that have the order, each once, fewest edits first."""
+    repairs: dict[tuple[tuple[Fraction, ...], ...], Repair] = {}
+    for picks in found:
+        readings = [v.readings(k) for v, k in zip(versions, picks, strict=True)]
+        read = [[_Reading(pair) for pair in rows[0]], *(row for row, _ in readings)]
+        edits = sum(number for _, number in readings)
+        *A, b = key = tuple(tuple(Fraction(*reading.pair) for reading in row) for row in read)
+        if key in repairs and repairs[key].edits <= edits:
+            continue
+        if all(
+            trees.elementary_weight(tree, A, b) * trees.density(tree) == 1
+            for n in range(1, order + 1)
+            for tree in trees.rooted_trees(n)
+        ):
+            tableau = _tableau(f"{name}, corrected", [[r.pair for r in row] for row in read])
+            repairs[key] = Repair(tableau, _changes(rows, read), edits)
+    return tuple(sorted(repairs.values(), key=lambda repair: repair.edits))
+
+
+def _changes(
+    rows: Sequence[Sequence[Pair]], read: Sequence[Sequence[_Reading]]
+) -> tuple[Change, ...]:
+    labels = [*(f"a_{i}" for i in range(1, len(rows))), "b_"]
+    return tuple(
+        Change(f"{label}{j}", _text(pair), _text(reading.pair), ", ".join(reading.kinds))
+        for label, row, new in zip(labels, rows, read, strict=True)
+        for j, (pair, reading) in enumerate(zip(row, new, strict=True), start=1)
+        if reading.kinds
+    )
+
+
+def _text(pair: Pair) -> str:
+    return f"{pair[0]}/{pair[1]}" if pair[1] != 1 else str(pair[0])

@@ -33,14 +33,15 @@ class Rule(NamedTuple):
 
 
 FORMS = {
-    "additive": Rule("{a}*k{i}{p}", " + ", "{y} + h*({z})", "h*({z})", "{f}"),
+    # + copies an array, since a right-hand side may return the same one every time
+    "additive": Rule("{a}*k{i}{p}", " + ", "{y} + h*({z})", "h*({z})", "+{f}"),
     "exponential": Rule(
         "{a}*k{i}{p}", " + ", "{y}*exp(h*({z}))", "{x}*expm1(-h*({z}))", "{f}/{u}"
     ),
     # the same, with the exponentials multiplied one by one as the paper writes them
     "exponential product": Rule("exp(h*({a}*k{i}{p}))", "*", "{y}*{z}", "{x} - {x}/({z})", "{f}/{u}"),
     # eq. (13)-(16) to the letter: no step size, and no division by the state
-    "as printed": Rule("exp({a}*k{i}{p})", "*", "{y}*{z}", "{x} - {x}/({z})", "{f}"),
+    "as printed": Rule("exp({a}*k{i}{p})", "*", "{y}*{z}", "{x} - {x}/({z})", "+{f}"),
 }
 
 _FIXED = """\
@@ -125,10 +126,17 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
     def moved(weights: list[float], p: str) -> str:
         return rule.moved.format(y=f"y{p}", z=joined(weights, p)) if any(weights) else f"y{p}"
 
+    def stage_state(i: int, p: str) -> str:
+        if form != "additive":
+            return moved(A[i], p)
+        # Summed from y on with h*a made first: one operation between the newest slope and the
+        # stage. The step itself keeps y + h*(...), which rounds less.
+        return " + ".join([f"y{p}"] + [f"(h*{a})*k{j}{p}" for j, a in enumerate(A[i]) if a])
+
     def stage(i: int) -> list[str]:
         state = together("u{p} - s{p}" if shifted else "u{p}")
         return [
-            *(f"u{p} = {moved(A[i], p)}" for p, _ in parts),
+            *(f"u{p} = {stage_state(i, p)}" for p, _ in parts),
             f"{together('f{p}')} = fun(t + {c[i]!r}*h, ({state}), *args)",
             *each("k{i}{p} = " + rule.slope.format(f="f{p}", u="u{p}"), i=i),
         ]

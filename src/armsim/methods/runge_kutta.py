@@ -125,13 +125,16 @@ def integrate(
     if step_size is None:
         return _adaptive(fun, (start, end), y0, tableau, form, args, s, rtol, atol)
     require_positive("step_size", step_size)
-    steps = max(math.ceil(abs(end - start) / step_size - 1e-9), 0)
+    steps = abs(end - start) / step_size - 1e-9
     if (steps + 1) * (y0.size + 1) > MAX_STORED:
         raise ValueError(
             f"step_size = {step_size!r} would take {steps:.3g} steps from t = {start} to {end}; "
             f"at most {MAX_STORED // (y0.size + 1) - 1:.3g} can be stored"
         )
-    t = start + math.copysign(step_size, end - start) * np.arange(steps + 1)
+    steps = max(math.ceil(steps), 0)
+    t = np.arange(steps + 1.0)
+    t *= math.copysign(step_size, end - start)
+    t += start
     t[-1] = end
     y = np.empty((y0.size, steps + 1))
     y[:, 0] = y0
@@ -230,6 +233,8 @@ def _checked_problem(t_span, y0) -> tuple[float, float, np.ndarray]:
         raise ValueError(f"t_span = {t_span!r}: two numbers are needed") from error
     if not (math.isfinite(start) and math.isfinite(end)):
         raise ValueError(f"t_span = {t_span!r}: both times must be finite")
+    if np.iscomplexobj(y0):
+        raise ValueError(f"y0 = {y0}: the components must be real")
     y0 = np.array(y0, dtype=float)
     if y0.ndim != 1 or y0.size == 0:
         raise ValueError(f"y0 has shape {y0.shape}; one row of at least one number is needed")
@@ -271,11 +276,13 @@ def require_positive(name: str, value: object) -> None:
 
 def _raise_if_lost(t: np.ndarray, y: np.ndarray, s: np.ndarray, form: str, method: str) -> None:
     """Report the first state that is not finite or, in the exponential form, not positive."""
+    positive = form.startswith("exponential")
+    last = y[:, -1]
+    if np.isfinite(last).all() and not (positive and (last + s <= 0).any()):
+        return  # a component that is not finite, or zero, stays so
     lost = ~np.isfinite(y)
-    if form.startswith("exponential"):
+    if positive:
         lost |= y + s[:, None] <= 0
-    elif not lost[:, -1].any():  # what is not finite once stays so
-        return
     if lost.any():
         n = int(np.argmax(lost.any(axis=0)))
         which = int(np.argmax(lost[:, n]))
@@ -304,7 +311,13 @@ def _loop(fun, tableau, form, start, y0, args, adaptive=False) -> tuple[Callable
         return python_loop(checked, tableau, form, adaptive), np.asarray
     if y0.size <= _UNROLLED and _takes_tuples(fun, start, tuple(y0.tolist()), args):
         return compiled_loop(fun, tableau, y0.size, form, adaptive), lambda y: tuple(y.tolist())
-    _as_slope(fun(start, y0, *args), y0)
+    slope = fun(start, y0, *args)
+    _as_slope(slope, y0)
+    if isinstance(slope, tuple):
+        raise ValueError(
+            "the compiled right-hand side returns a tuple, so it has to take one, which works up "
+            f"to {_UNROLLED} components; let it return an array"
+        )
     return compiled_loop(fun, tableau, None, form, adaptive), np.asarray
 
 
@@ -312,6 +325,6 @@ def _takes_tuples(fun, start, state, args) -> bool:
     """Whether a compiled `fun` maps a tuple of scalars to another, rather than needs arrays."""
     try:
         slope = fun(start, state, *args)
-    except TypingError:
+    except (TypingError, TypeError):  # TypeError: compiled for given signatures only
         return False
     return isinstance(slope, tuple) and len(slope) == len(state)

@@ -4,9 +4,10 @@ A rooted tree is the tuple of the subtrees that hang from its root: ``()`` is th
 ``((),)`` is [τ] and ``((), ())`` is [τ, τ]. Subtrees stand in descending order, so that equal
 trees are equal tuples.
 
-A method has order p if its elementary weight Φ(t) is 1/γ(t) for every tree t of up to p nodes
-(Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, theorem II.2.13;
-Butcher, *Numerical Methods for Ordinary Differential Equations*, section 315).
+A method has order p if and only if its elementary weight :math:`\Phi(t)` is
+:math:`1/\gamma(t)` for every tree t of up to p nodes (Hairer, Nørsett and Wanner, *Solving
+Ordinary Differential Equations I*, theorem II.2.13; Butcher, *Numerical Methods for Ordinary
+Differential Equations*, chapter 3).
 """
 
 from collections.abc import Sequence
@@ -60,19 +61,19 @@ def size(tree: Tree) -> int:
 
 @cache
 def symmetry(tree: Tree) -> int:
-    """σ(t): the number of ways to exchange equal subtrees (Butcher, section 304)."""
+    r"""Count the ways to exchange equal subtrees, :math:`\sigma(t)`."""
     equal = [(branch, len(list(group))) for branch, group in groupby(tree)]
     return prod(factorial(times) * symmetry(branch) ** times for branch, times in equal)
 
 
 @cache
 def density(tree: Tree) -> int:
-    """γ(t): the product of the sizes of all subtrees, the tree itself included."""
+    r"""Multiply the sizes of all subtrees, the tree itself included: :math:`\gamma(t)`."""
     return size(tree) * prod(map(density, tree))
 
 
 def elementary_weight(tree: Tree, A: Sequence[Sequence[Any]], b: Sequence[Any]) -> Any:
-    r"""Φ(t) of a method, in whatever numbers `A` and `b` hold.
+    r""":math:`\Phi(t)` of a method, in whatever numbers `A` and `b` hold.
 
     Parameters
     ----------
@@ -109,18 +110,18 @@ def _product(tree: Tree, A: Sequence[Sequence[Any]], known: dict[Tree, list[Any]
 
 @dataclass(frozen=True)
 class Condition:
-    """One order condition of a method: Φ(t) = 1/γ(t)."""
+    r"""One order condition of a method: :math:`\Phi(t) = 1/\gamma(t)`."""
 
     tree: Tree
     order: int  #: nodes of the tree
-    symmetry: int  #: σ(t)
-    density: int  #: γ(t)
-    weight: sympy.Expr  #: Φ(t), exact
-    residual: sympy.Expr  #: Φ(t) - 1/γ(t), exactly zero if the condition holds
+    symmetry: int  #: number of ways to exchange equal subtrees
+    density: int  #: product of the sizes of all subtrees
+    weight: sympy.Expr  #: elementary weight, exact
+    residual: sympy.Expr  #: weight - 1/density, zero if the condition holds
 
     @property
     def error_coefficient(self) -> sympy.Expr:
-        """Factor of h^order F(t)(y) in the local error (Butcher, section 318)."""
+        """Factor of h^order F(t)(y) in the local error (Hairer et al., II.3)."""
         return self.residual / self.symmetry
 
 

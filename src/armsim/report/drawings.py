@@ -1,4 +1,4 @@
-"""The paper's figures 1 and 2, drawn again."""
+"""Drawings: the paper's figures 1 and 2, and rooted trees."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -6,10 +6,12 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 from scipy.spatial import ConvexHull
 
+from armsim.methods import trees
 from armsim.report.figures import COLOUR, FAINT, INK, STYLE
 
 Point = tuple[float, float]
@@ -289,3 +291,24 @@ def arm_axes() -> Figure:
     s.text(*s.at(2.6, 0.8, -0.95), "rack and pinion", size=10)
     s.text(*s.at(5.45, 5.4, 6.1), "wrist", size=10)
     return s.figure
+
+
+def rooted_tree(ax: Axes, tree: trees.Tree, colour: str = INK) -> None:
+    """Draw a rooted tree of up to five nodes on axes of its own, the root open and below.
+
+    Parameters
+    ----------
+    ax
+        Their limits are set and their frame is removed.
+    tree
+        From `armsim.methods.trees`.
+    colour
+        Of nodes and edges.
+    """
+    nodes, edges = trees.layout(tree)
+    for edge in edges:
+        ax.plot(*zip(*(nodes[k] for k in edge), strict=True), color=colour, lw=1.4, ls="-")
+    ax.plot(*zip(*nodes, strict=True), "o", color=colour, ms=5, ls="")
+    ax.plot([0], [0], "o", color=colour, ms=7.5, mfc="white", mew=1.6, ls="")
+    ax.set(xlim=(-2.3, 2.3), ylim=(-0.5, 4.5))
+    ax.axis("off")

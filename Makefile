@@ -1,0 +1,87 @@
+# The whole way from a fresh clone to the published report: `make help` lists the targets.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# Each stamp is made by the last command of its rule, so an interrupted step counts as not done.
+INSTALLED := $(VENV)/.installed
+BUILT := _build/.built
+
+NOTEBOOKS := $(wildcard notebooks/*.ipynb)
+RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
+STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
+# What a notebook can read. Expected results (data/expected) only judge, they do not enter.
+INPUTS := $(shell find src data/paper data/measurements \( -name __pycache__ -o -name '.*' \) \
+            -prune -o -type f -print 2>/dev/null)
+PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
+         _config.yml _toc.yml
+
+SHELL := /bin/bash
+unexport PYTHONPATH PYTHONHOME
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help book check test clean distclean forget
+.DELETE_ON_ERROR:
+
+help:
+	@echo 'make book       execute the notebooks that need it and build the HTML'
+	@echo 'make test       build everything from clean, then lint, type-check and run every test'
+	@echo 'make check      the same without the clean start'
+	@echo 'make clean      remove what was built'
+	@echo 'make distclean  remove the environment .venv as well'
+	@echo
+	@echo 'PYTHON=python3.12 make book  takes another Python than python3 (3.11 to 3.13)'
+	@echo 'make -j2 book                runs two notebooks at a time; times they measure suffer'
+
+book: $(BUILT)
+	@echo 'The report: $(CURDIR)/_build/html/index.html'
+
+$(INSTALLED): environment.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
+	  { echo 'armsim needs Python 3.11, 3.12 or 3.13, and $(PYTHON) is'; $(PYTHON) --version; \
+	    echo 'Name another: make PYTHON=python3.12 $(MAKECMDGOALS)'; exit 1; } >&2
+	@$(PYTHON) -c 'import venv, ensurepip' || \
+	  { echo 'Python lacks venv; on Debian and Ubuntu: apt-get install python3-venv' >&2; exit 1; }
+	@echo 'Making $(VENV) with $(shell $(PYTHON) --version 2>&1)'
+	@rm -f $@
+	@$(PYTHON) -m venv --clear $(VENV)
+	@echo 'Installing the locked packages, a minute or two'
+	@set -o pipefail; $(BIN)/python -m pip install --require-hashes -r environment.txt | \
+	  awk '/^(Collecting|Processing)/ && ++n % 25 == 0 { print "  " n " packages fetched"; fflush() } \
+	       /^Installing/ { print "  installing " n " packages"; fflush() }'
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(INSTALLED)
+	@$(BIN)/python -m armsim.report.notebooks $< $(@D)
+
+# From scratch each time: an incremental build would leave old numbers on pages that quote them.
+$(BUILT): $(PAGES) $(RESULTS) $(INSTALLED) $(if $(STALE),forget)
+	@echo 'Building the HTML'
+	@rm -rf $@ _build/html _build/.doctrees
+	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null
+	@touch $@
+
+# The results of a notebook that is no more must not be published.
+forget:
+	@echo 'Removing results without a notebook: $(notdir $(STALE))'
+	@rm -f $(STALE) $(STALE:.ipynb=.json) $(STALE:.ipynb=-*)
+
+check: book
+	@echo 'Checking style and types'
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@echo 'Running the tests'
+	@$(BIN)/python -m pytest
+
+test: clean
+	@$(MAKE) --no-print-directory check
+
+clean:
+	@echo 'Removing what was built'
+	@rm -rf _build book/results .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@find src tests -name __pycache__ -exec rm -rf {} +
+
+distclean: clean
+	@rm -rf $(VENV)

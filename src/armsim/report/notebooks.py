@@ -1,0 +1,185 @@
+"""Execute a notebook so that its results appear all at once, or not at all."""
+
+import os
+import re
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import papermill
+from nbclient.exceptions import DeadKernelError
+from papermill.exceptions import PapermillExecutionError
+
+from armsim.report.study import RESULTS_VARIABLE
+
+_ANSI = re.compile(r"\x1b\[[0-9;]*m")
+_FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
+
+
+class NotebookError(RuntimeError):
+    """A notebook could not be executed; the message names it, its cell and the error."""
+
+
+def execute(
+    source: Path | str, results_dir: Path | str, parameters: Mapping[str, Any] | None = None
+) -> list[str]:
+    """Execute a notebook and put it and the results it writes into a folder.
+
+    Everything is made in a temporary folder first. What an earlier run of the same notebook left
+    in `results_dir` is replaced only when the new run has succeeded; the executed notebook comes
+    last, for make takes it as the sign that the rest is there. Two runs give the same bytes.
+
+    Parameters
+    ----------
+    source : path
+        The notebook, ``NN_topic.ipynb``.
+    results_dir : path
+        The folder for the executed notebook ``NN_topic.ipynb`` and its results ``NN_topic.json``
+        and ``NN_topic-*``; made if missing.
+    parameters : mapping, optional
+        Values for the variables of the cell tagged ``parameters``.
+
+    Returns
+    -------
+    list of str
+        What the notebook wrote to its standard error, which is not published.
+
+    Raises
+    ------
+    ValueError
+        If there is a parameter that the notebook does not have.
+    NotebookError
+        If the notebook cannot be read or fails.
+    """
+    source, results_dir = Path(source), Path(results_dir)
+    results_dir.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{source.stem}-", dir=results_dir) as scratch:
+        new = Path(scratch, "results")
+        new.mkdir()
+        variables = {
+            RESULTS_VARIABLE: str(new.resolve()),
+            "IPYTHONDIR": scratch,  # no start-up files or history of the user's own
+            "JUPYTER_PREFER_ENV_PATH": "1",  # python3 means the Python that runs this
+            "PYTHONHASHSEED": "0",
+        }
+        with _environment(variables):
+            notebook = _run(source, dict(parameters or {}))
+        complaints = _tidy(notebook)
+        nbformat.write(notebook, new / source.name)
+        _publish(new, results_dir, source.stem)
+    return complaints
+
+
+def _run(source: Path, parameters: dict[str, Any]) -> nbformat.NotebookNode:
+    try:
+        notebook = nbformat.read(source, as_version=4)
+    except nbformat.reader.NotJSONError as error:
+        raise NotebookError(f"{source} is not a notebook: {error}") from None
+    # whatever kernel its author used
+    notebook.metadata["kernelspec"] = {
+        "display_name": "Python 3",
+        "language": "python",
+        "name": "python3",
+    }
+    allowed = papermill.inspect_notebook(notebook) if parameters else {}
+    for name in parameters:
+        if name not in allowed:
+            known = ", ".join(allowed) or "none"
+            raise ValueError(f"parameter {name!r}: {source.stem} has only {known}")
+    try:
+        return papermill.execute_notebook(
+            notebook,
+            None,
+            parameters,
+            progress_bar={"leave": False} if sys.stderr.isatty() else False,
+            extra_arguments=["--log-level=CRITICAL"],  # of the kernel's own log, not the notebook's
+        )
+    except PapermillExecutionError as error:
+        raise NotebookError(_explain(source, error)) from None
+    except DeadKernelError:
+        raise NotebookError(f"{source} failed: its Python died (out of memory?)") from None
+
+
+def _explain(source: Path, error: PapermillExecutionError) -> str:
+    frames = _FRAME.findall(_ANSI.sub("", "\n".join(error.traceback)))
+    places = "".join(f"\n  in {function}, {file}" for file, function in frames)
+    code = "".join(f"\n    {line}" for line in error.source.splitlines())
+    return (
+        f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
+        f"  {error.ename}: {_ANSI.sub('', error.evalue)}"
+    )
+
+
+def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
+    """Remove times, random numbers and complaints, and move alt texts to where MyST reads them."""
+    complaints = []
+    notebook.metadata.pop("papermill", None)
+    for number, cell in enumerate(notebook.cells):
+        cell.id = f"cell-{number}"
+        for name in ("papermill", "execution"):
+            cell.metadata.pop(name, None)
+        kept = []
+        for output in cell.get("outputs", ()):
+            if output.output_type == "stream" and output.name == "stderr":
+                complaints.append(output.text.strip())
+                continue
+            kept.append(output)
+            if alt := output.get("metadata", {}).get("image/svg+xml", {}).get("alt"):
+                cell.metadata.setdefault("mystnb", {})["image"] = {"alt": alt}
+        if "outputs" in cell:
+            cell.outputs = kept
+    return complaints
+
+
+def _publish(new: Path, results_dir: Path, stem: str) -> None:
+    executed = f"{stem}.ipynb"
+    old = [results_dir / executed, results_dir / f"{stem}.json", *results_dir.glob(f"{stem}-*")]
+    for path in old:
+        path.unlink(missing_ok=True)
+    for path in sorted(new.iterdir(), key=lambda path: (path.name == executed, path.name)):
+        path.replace(results_dir / path.name)
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    before = os.environ.copy()
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run ``python -m armsim.report.notebooks SOURCE RESULTS_DIR``; give the exit code."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if len(arguments) != 2:
+        print("usage: python -m armsim.report.notebooks SOURCE RESULTS_DIR", file=sys.stderr)
+        return 2
+    source, results_dir = arguments
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children with it
+    print(f"{source}: executing", flush=True)
+    start = time.perf_counter()
+    try:
+        complaints = execute(source, results_dir)
+    except NotebookError as error:
+        print(f"\n{error}\n", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"{source}: interrupted, nothing published", file=sys.stderr)
+        return 130
+    for complaint in complaints:
+        print(f"{source} warned: {complaint}", file=sys.stderr)
+    print(f"{source}: done in {time.perf_counter() - start:.1f} s", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,73 @@
+"""The files of the built book: whole, for themselves, and readable to all."""
+
+import re
+from urllib.parse import unquote, urlsplit
+
+RESOURCES = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src"}
+REMOTE = re.compile(r"(?:https?:)?//", re.IGNORECASE)
+
+
+def target(path, url):
+    return (path.parent / unquote(urlsplit(url).path)).resolve() if urlsplit(url).path else path
+
+
+def test_local_links_lead_somewhere(page, path, read):
+    for _, attrs in page.tags:
+        for url in filter(None, (attrs.get("href"), attrs.get("src"))):
+            if urlsplit(url).scheme or REMOTE.match(url):
+                continue
+            file, anchor = target(path, url), unquote(urlsplit(url).fragment)
+            assert file.is_file(), url
+            if anchor and file.suffix == ".html":
+                assert anchor in read(file).ids, url
+
+
+def test_page_asks_nothing_of_another_machine(page):
+    for tag, attrs in page.tags:
+        assert not REMOTE.match(attrs.get(RESOURCES.get(tag, ""), "")), (tag, attrs)
+        assert "url(http" not in attrs.get("style", "")
+
+
+def test_style_sheets_ask_nothing_of_another_machine(site):
+    sheets = list(site.rglob("*.css"))
+    assert sheets
+    for sheet in sheets:
+        text = sheet.read_text(encoding="utf-8")
+        for url in re.findall(r"url\(\s*['\"]?([^'\")]+)", text):
+            assert not REMOTE.match(url), (sheet, url)
+        assert not re.search(r"@import\s+['\"]?(?:https?:)?//", text), sheet
+
+
+def test_mathematics_is_drawn_by_the_file_beside_the_pages(page, path, site):
+    scripts = [attrs.get("src", "") for tag, attrs in page.tags if tag == "script"]
+    drawn = [target(path, src) for src in scripts if "mathjax" in src]
+    if any("math" in attrs.get("class", "").split() for _, attrs in page.tags):
+        assert drawn == [site / "_static" / "mathjax" / "tex-svg-full.js"]
+        assert drawn[0].stat().st_size > 1_000_000
+
+
+def test_images_are_vectors_and_say_what_they_show(page):
+    for tag, attrs in page.article:
+        if tag == "img":
+            assert attrs["src"].endswith(".svg"), attrs
+            assert len(attrs.get("alt", "")) >= 15, attrs
+            assert not re.search(r"\.(svg|png|jpe?g)$|_images/", attrs["alt"]), attrs
+
+
+def test_caption_is_one_paragraph(page):
+    """A second one is what is left of an option broken over lines, which MyST does not join."""
+    legends = [attrs for _, attrs in page.article if "legend" in attrs.get("class", "").split()]
+    assert not legends
+
+
+def test_no_markup_is_left_over(page):
+    assert not re.search(r"\{(glue|numref|cite|doc|ref|eq|include)\b[^}]*\}", page.prose)
+    assert not any("problematic" in attrs.get("class", "").split() for _, attrs in page.tags)
+
+
+def test_search_index_lists_every_page(site):
+    index = (site / "searchindex.js").read_text(encoding="utf-8")
+    sources = [path.relative_to(site / "_sources") for path in (site / "_sources").rglob("*.*")]
+    assert sources
+    for source in sources:
+        assert f'"{source.with_suffix("").as_posix()}"' in index

@@ -1,0 +1,145 @@
+"""The Makefile's rules, with stand-ins for the slow programs, in a folder with a space."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = """
+    environment.txt pyproject.toml _config.yml _toc.yml index.md book/page.md book/_static/a.css
+    src/armsim/code.py data/paper/table.toml data/expected/20_two.json
+    notebooks/10_one.ipynb notebooks/20_two.ipynb
+"""
+PYTHON = """#!/bin/sh
+echo "$3" >> log
+grep -q fail "$3" && exit 1
+mkdir -p "$4" && cp "$3" "$4"
+"""
+JUPYTER_BOOK = """#!/bin/sh
+echo html >> log
+ls book/results/*.ipynb > shown
+mkdir -p _build/html
+"""
+
+
+class Tree:
+    """A small repository that notes what make does in it."""
+
+    def __init__(self, root: Path):
+        self.root = root
+        for name in SOURCES.split():
+            self.write(name)
+        shutil.copy(ROOT / "Makefile", root)
+        for name, script in (("python", PYTHON), ("jupyter-book", JUPYTER_BOOK)):
+            self.write(f".venv/bin/{name}", script).chmod(0o755)
+        self.write(".venv/.installed")
+
+    def write(self, name: str, text: str = "") -> Path:
+        path = self.root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return path
+
+    def make(self, *arguments: str) -> list[str]:
+        """Run make, and list what it executed; all that is here was made long ago."""
+        for path in self.root.rglob("*"):
+            status = path.stat()
+            times = status.st_atime_ns, status.st_mtime_ns
+            os.utime(path, ns=(times[0] - 10**10, times[1] - 10**10))
+        return self.make_now(*arguments)
+
+    def make_now(self, *arguments: str) -> list[str]:
+        (self.root / "log").unlink(missing_ok=True)
+        environment = {name: os.environ[name] for name in os.environ if "MAKE" not in name}
+        self.last = subprocess.run(
+            ["make", *arguments], cwd=self.root, env=environment, capture_output=True, text=True
+        )
+        log = self.root / "log"
+        return sorted(log.read_text().split()) if log.exists() else []
+
+    def touch(self, name: str) -> None:
+        (self.root / name).touch()
+
+
+ALL = ["html", "notebooks/10_one.ipynb", "notebooks/20_two.ipynb"]
+
+
+@pytest.fixture
+def tree(tmp_path):
+    tree = Tree(tmp_path / "a book")
+    assert tree.make("book") == ALL, tree.last.stderr
+    return tree
+
+
+def test_nothing_changed_does_nothing(tree):
+    assert tree.make("book") == []
+    assert tree.last.stdout == f"The report: {tree.root}/_build/html/index.html\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("notebooks/20_two.ipynb", ["html", "notebooks/20_two.ipynb"]),
+        ("src/armsim/code.py", ALL),
+        ("data/paper/table.toml", ALL),
+        ("data/measurements/new.csv", ALL),
+        ("data/expected/20_two.json", []),
+        ("src/armsim/__pycache__/code.pyc", []),
+        ("book/page.md", ["html"]),
+        ("book/_static/a.css", ["html"]),
+        ("_toc.yml", ["html"]),
+    ],
+)
+def test_change_does_what_depends_on_it(tree, name, expected):
+    tree.make("book")
+    tree.write(name)
+    assert tree.make_now("book") == expected
+    assert tree.make("book") == []
+
+
+def test_failing_notebook_stops_the_build(tree):
+    tree.make("book")
+    tree.write("notebooks/10_one.ipynb", "fail")
+    assert tree.make_now("book") == ["notebooks/10_one.ipynb"]
+    assert tree.last.returncode != 0
+    tree.write("notebooks/10_one.ipynb", "well")
+    assert tree.make_now("book") == ALL[:2]
+
+
+def test_results_of_a_removed_notebook_go(tree):
+    tree.write("book/results/20_two.json")
+    tree.write("book/results/20_two-figure.svg")
+    tree.make("book")
+    (tree.root / "notebooks/20_two.ipynb").unlink()
+    assert tree.make_now("book") == ["html"]
+    assert [path.name for path in (tree.root / "book/results").iterdir()] == ["10_one.ipynb"]
+    assert tree.make("book") == []
+
+
+def test_interrupted_installation_does_not_count(tree):
+    (tree.root / ".venv/.installed").unlink()
+    tree.write("bin/python", "#!/bin/sh\ncase $2 in venv) exit 1;; esac\n").chmod(0o755)
+    assert tree.make_now("book", f"PYTHON='{tree.root}/bin/python'") == []
+    assert tree.last.returncode != 0
+    assert not (tree.root / ".venv/.installed").exists()
+
+
+def test_unfit_python_is_refused_with_advice(tree):
+    tree.touch("environment.txt")
+    tree.write("python3", "#!/bin/sh\n[ $1 = --version ] && echo Python 3.9.2 || exit 1\n").chmod(
+        0o755
+    )
+    assert tree.make_now("book", "PYTHON=./python3") == []
+    assert "needs Python 3.11, 3.12 or 3.13, and ./python3 is\nPython 3.9.2" in (tree.last.stderr)
+    assert (tree.root / ".venv/bin/python").exists()
+
+
+def test_clean_removes_what_was_built_and_nothing_else(tree):
+    tree.write("runs/20_two/20_two.json")
+    tree.make_now("clean")
+    left = {str(path.relative_to(tree.root)) for path in tree.root.rglob("*") if path.is_file()}
+    built = {"Makefile", "shown", ".venv/.installed", ".venv/bin/python", ".venv/bin/jupyter-book"}
+    assert left - built == {*SOURCES.split(), "runs/20_two/20_two.json"}
