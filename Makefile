@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # Each stamp is made by the last command of its rule, so an interrupted step counts as not done.
+LOCKED := $(VENV)/.locked
 INSTALLED := $(VENV)/.installed
 BUILT := _build/.built
 
@@ -36,7 +37,7 @@ help:
 book: $(BUILT)
 	@echo 'The report: $(CURDIR)/_build/html/index.html'
 
-$(INSTALLED): environment.txt pyproject.toml
+$(LOCKED): environment.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
 	  { echo 'armsim needs Python 3.11, 3.12 or 3.13, and $(PYTHON) is'; $(PYTHON) --version; \
 	    echo 'Name another: make PYTHON=python3.12 $(MAKECMDGOALS)'; exit 1; } >&2
@@ -49,14 +50,18 @@ $(INSTALLED): environment.txt pyproject.toml
 	@set -o pipefail; $(BIN)/python -m pip install --require-hashes -r environment.txt | \
 	  awk '/^(Collecting|Processing)/ && ++n % 25 == 0 { print "  " n " packages fetched"; fflush() } \
 	       /^Installing/ { print "  installing " n " packages"; fflush() }'
+	@touch $@
+
+# The package itself. A change of pyproject.toml that matters to results changes the lock too.
+$(INSTALLED): pyproject.toml $(LOCKED)
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(INSTALLED)
+book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m armsim.report.notebooks $< $(@D)
 
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.
-$(BUILT): $(PAGES) $(RESULTS) $(INSTALLED) $(if $(STALE),forget)
+$(BUILT): $(PAGES) $(RESULTS) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
 	@echo 'Building the HTML'
 	@rm -rf $@ _build/html _build/.doctrees
 	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null

@@ -138,7 +138,7 @@ def test_affine_matrix_is_the_jacobian(where, rng):
         [(paper(ODD, y + e, 1.0)[0] - paper(ODD, y - e, 1.0)[0]) / (2 * step)
          for e in step * np.eye(7)]
     )  # fmt: skip
-    dU = (paper(ODD, y, 2.0)[0] - paper(ODD, y, 1.0)[0])
+    dU = paper(ODD, y, 2.0)[0] - paper(ODD, y, 1.0)[0]
     A, B, _ = affine(ODD, where)
     # rounding of ẏ, at most 1e4, over the step: 1e4 · 1e-16 · 10 / 1e-3
     assert pytest.approx(J, rel=1e-9, abs=1e-8) == A
@@ -152,7 +152,7 @@ def test_where_the_arm_sticks_its_velocity_does_not_change(rng):
             assert derivative(y, 3.0, constants(ODD), Region(0, 0, contact, STUCK))[1] == 0.0
 
 
-# --- borders: numbers that binary floats hold exactly ---------------------------------------------
+# --- borders: numbers that binary floats hold exactly -------------------------------------------
 
 BORDER = ODD.replace(r_g=0.5, H=0.25, v_s=0.25, V_L=2.0, V_M=8.0, K_e=4.0, K_i=2.0, T_z=0.5)
 
@@ -209,7 +209,7 @@ def test_auxiliary_variables_take_any_array_of_states():
     )
 
 
-# --- steady motion --------------------------------------------------------------------------------
+# --- steady motion ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("volts", [10.0, 4.0, -7.0])
@@ -239,13 +239,13 @@ def test_opposite_input_gives_the_opposite_motion():
     assert np.array_equal(up, -down)
 
 
-# --- energy -----------------------------------------------------------------------------------------
+# --- energy -------------------------------------------------------------------------------------
 
 
 @njit
 def with_work(t, y, volts, c, B_a, R_a, B_m, L_a):
     """State equations with two more states: energy fed in by v_m, and energy dissipated."""
-    f_g, F_s, v_m, _ = _auxiliary(y, c)
+    F_s, v_m = friction_and_voltage(y, c)
     s = rhs(t, (y[0], y[1], y[2], y[3], y[4], y[5], y[6]), volts, c)
     slip = c.r_g * y[3] - y[1]
     in_gear = c.b_g * slip * slip if abs(c.r_g * y[2] - y[0]) > c.H else 0.0
@@ -254,24 +254,32 @@ def with_work(t, y, volts, c, B_a, R_a, B_m, L_a):
 
 
 @njit
-def _auxiliary(y, c):
+def friction_and_voltage(y, c):
     v_c = min(max(y[4] + c.T_z * y[5], -c.V_L), c.V_L)
     v_m = min(max(c.K_e * (v_c - y[6] * c.per_K_i), -c.V_M), c.V_M)
     F_s = c.F_0 * np.sign(y[1]) if abs(y[1]) < c.v_s else 0.0
-    return 0.0, F_s, v_m, v_c
+    return F_s, v_m
 
 
 def stored_energy(p, y):
     x = p.r_g * y[2] - y[0]
     wound = x - np.clip(x, -p.H, p.H)
-    magnet, motor, arm, gear = p.L_a * y[6] ** 2, p.J_m * y[3] ** 2, p.M * y[1] ** 2, p.K_g * wound**2
+    magnet, motor, arm, gear = (
+        p.L_a * y[6] ** 2,
+        p.J_m * y[3] ** 2,
+        p.M * y[1] ** 2,
+        p.K_g * wound**2,
+    )
     return (magnet + motor + arm + gear) / 2
 
 
 @pytest.mark.parametrize("volts", [10.0, -3.0, 0.05], ids=["fast", "backwards", "in friction"])
 def test_energy_fed_in_is_stored_or_dissipated(volts):
     y0 = np.zeros(9)
-    y0[1], y0[3] = 0.1, 0.1 / P.r_g  # moves at first, so that reversing takes the gear through its gap
+    y0[1], y0[3] = (
+        0.1,
+        0.1 / P.r_g,
+    )  # moves at first, so that reversing takes the gear through its gap
     args = (volts, K, P.B_a, P.R_a, P.B_m, P.L_a)
     imbalance = []
     for step in (4e-6, 1e-6):

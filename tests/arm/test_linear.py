@@ -15,7 +15,7 @@ T_PS = [0.0071, 0.04, 0.3, 4.74]
 
 
 def state_space(p):
-    """Eq. (10) with y6 = K_i v_c and eq. (16), for (position, velocity, y4, y5), out of the paper."""
+    """Eq. (10) with y6 = K_i v_c and eq. (16), for position, velocity, y4 and y5 of the arm."""
     J, B = p.J_m + p.r_g**2 * p.M, p.B_m + p.r_g**2 * p.B_a
     push = p.r_g * p.K_b * p.K_i / J
     T2 = p.T_p * p.T_r
@@ -39,8 +39,9 @@ def step_by_expm(p, volts, t):
 
 def test_inertia_and_friction_are_those_of_equation_16():
     axis = LinearAxis(P)
-    assert axis.J == pytest.approx(0.000847 + 0.00573**2 * 146, rel=1e-15)
-    assert axis.B == pytest.approx(0.000733 + 0.00573**2 * 211, rel=1e-15)
+    inertia, friction = axis.J, axis.B
+    assert inertia == pytest.approx(0.000847 + 0.00573**2 * 146, rel=1e-15)
+    assert friction == pytest.approx(0.000733 + 0.00573**2 * 211, rel=1e-15)
 
 
 @pytest.mark.parametrize("T_p", T_PS)
@@ -50,7 +51,9 @@ def test_transfer_function_is_that_of_the_state_space(T_p):
     s = 1j * np.geomspace(1e-1, 1e5, 25)
     A, B, C, _ = state_space(p)
     response = [(C[1] @ np.linalg.solve(x * np.eye(4) - A, B)).item() for x in s]
-    assert np.polyval(numerator, s) / np.polyval(denominator, s) == pytest.approx(response, rel=1e-10)
+    assert np.polyval(numerator, s) / np.polyval(denominator, s) == pytest.approx(
+        response, rel=1e-10
+    )
 
 
 def test_transfer_function_agrees_with_ss2tf():
@@ -137,7 +140,7 @@ def test_settling_time_and_peak_current_by_brute_force(T_p, volts):
         assert response.settling_time(criterion) == pytest.approx(
             t[outside].max(), abs=5.0001e-6
         )  # the grid
-    # Between points the curve rises by (1e-7 s · 7000/s)² / 8 of the peak, later by (1e-6 · 50)² / 8.
+    # Between points the curve rises by (1e-7 s · 7000/s)² / 8 of the peak, later by less.
     fine = np.append(np.linspace(0, 0.02, 200_001), np.linspace(0.02, 0.2, 180_001))
     peak = np.abs(response.current(fine)).max()
     assert response.peak_current() == pytest.approx(peak, rel=1e-7)
@@ -156,7 +159,7 @@ def test_simulation_without_nonlinear_factors_agrees(T_p):
     assert run.y[6] == pytest.approx(exact.current(run.t), abs=0.01 * exact.peak_current())
 
 
-# --- the seven-state model tends to the linear one ------------------------------------------------
+# --- the seven-state model tends to the linear one ----------------------------------------------
 
 
 def distance(p):
@@ -219,7 +222,7 @@ def test_the_effect_of_backlash_and_of_static_friction_vanishes_in_proportion(na
     assert errors[1] / errors[2] == pytest.approx(10, rel=0.05)
 
 
-# --- what is refused ------------------------------------------------------------------------------
+# --- what is refused ----------------------------------------------------------------------------
 
 
 def test_coincident_poles_are_refused():

@@ -10,6 +10,7 @@ import pytest
 
 from armsim.arm import AxisParameters
 from armsim.arm.dynamics import Region, affine
+from armsim.arm.parameters import PAPER_TABLES
 
 # Tables 3 and 4 and Section 4 of the paper.
 SHARED = {
@@ -50,6 +51,24 @@ def test_every_value_is_the_papers(fit):
     values = dataclasses.asdict(p)
     del values["K_1"]
     assert values == SHARED | FITTED[fit] | OURS
+
+
+def test_printed_values_that_are_not_used_are_the_papers_too():
+    """Ranges, both prints of K_b and the saturation current; pages show them."""
+    cells = {
+        (row["symbol"], row.get("value") or (row["ndp"], row["rk6"]))
+        for table in ("table3", "table4", "table5")
+        for row in PAPER_TABLES[table]
+    }
+    assert {
+        ("K_b", "0.289 volt sec/rad"),
+        ("K_b", "0.289 N m/amp"),
+        ("T_p", "0.0071 to 4.74 sec"),
+        ("K_1", "0 to 3333"),
+        ("K_2", "80 to 870"),
+        ("I_M", ("8.125 amp", "8.0 amp")),
+    } <= cells
+    assert len(cells) == 10 + 7 + 5
 
 
 def test_the_default_fit_is_the_novel_dormand_prince_column(p):
@@ -172,7 +191,7 @@ def test_a_name_unlike_any_other_is_answered_with_the_list(p):
 
 
 def test_a_wrong_fit_is_answered_with_the_right_ones():
-    with pytest.raises(ValueError, match="'rk5'.*'ndp' and 'rk6'"):
+    with pytest.raises(ValueError, match=r"'rk5'.*'ndp' and 'rk6'"):
         AxisParameters.paper_x_axis(fit="rk5")
 
 

@@ -18,7 +18,7 @@ def run(p=P, set_velocity=10.0, t_end=0.05, method=tableaux.RK6, step_size=1e-5,
     return simulate(p, set_velocity, t_end, method=method, step_size=step_size, **more)
 
 
-# --- against SciPy ----------------------------------------------------------------------------------
+# --- against SciPy ------------------------------------------------------------------------------
 
 
 def python_rhs(t, y, volts, k):
@@ -40,7 +40,13 @@ def test_agrees_with_dop853():
 
 def test_agrees_with_dop853_to_its_tolerance_where_the_motion_is_smooth():
     theirs = solve_ivp(
-        rhs, (0, 0.02), np.zeros(7), "DOP853", args=(10.0, constants(SMOOTH)), rtol=1e-11, atol=1e-10
+        rhs,
+        (0, 0.02),
+        np.zeros(7),
+        "DOP853",
+        args=(10.0, constants(SMOOTH)),
+        rtol=1e-11,
+        atol=1e-10,
     )
     ours = run(SMOOTH, t_end=0.02, step_size=2e-6)
     scale = np.abs(ours.y).max(axis=1)
@@ -136,7 +142,7 @@ def test_set_velocity_is_the_new_value_from_a_switch_on():
     assert list(found.set_velocity([0.0, 0.00999, 0.01, 0.02])) == [8.0, 8.0, -8.0, -8.0]
 
 
-# --- interpolation --------------------------------------------------------------------------------
+# --- interpolation ------------------------------------------------------------------------------
 
 
 def test_at_the_steps_the_interpolation_is_the_run():
@@ -192,7 +198,7 @@ def test_auxiliary_variables_go_with_the_steps():
     )
 
 
-# --- how a run fails -------------------------------------------------------------------------------
+# --- how a run fails ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", [tableaux.EULER, tableaux.RK6, tableaux.DP5])
@@ -204,7 +210,7 @@ def test_a_step_far_too_large_is_a_blow_up_with_method_step_and_time(method):
 
 
 def test_growth_of_the_preamplifier_is_a_blow_up_before_it_is_infinite():
-    """At 400 µs, past the stability limit 2 T_r of its fast lag, the limits hide it from the arm."""
+    """At 400 µs, past 2 T_r, its fast lag is unstable, and the limits hide that from the arm."""
     with pytest.raises(IntegrationError, match=r"Euler, step size 0.0004: .*\|y4\| = .* V at t = "):
         run(t_end=0.02, method=tableaux.EULER, step_size=4e-4)
 
@@ -253,7 +259,7 @@ def test_a_wrong_end_is_refused(t_end):
 
 @pytest.mark.parametrize("y0", [np.zeros(6), np.zeros((7, 1)), 0.0])
 def test_a_wrong_state_is_refused(y0):
-    with pytest.raises(ValueError, match="y0 has shape .*7 states"):
+    with pytest.raises(ValueError, match=r"y0 has shape .*7 states"):
         run(y0=y0)
 
 

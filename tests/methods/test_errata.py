@@ -1,12 +1,14 @@
-# ruff: noqa: D103 (the names of the tests are sentences)
 """The search for misprints: what it finds in the paper, and that it finds what was planted."""
 
 import functools
 import itertools
+import math
 from fractions import Fraction
 
+import numpy as np
 import pytest
 import sympy
+from numba import njit
 
 from armsim.methods import errata, tableaux, trees
 from armsim.methods.errata import search
@@ -151,6 +153,82 @@ def test_what_is_no_typing_error_is_not_repaired():
     assert search(planted(RK5_UNREDUCED, a54=(0, 1))).order_after < 5  # coefficient lost
 
 
+@njit
+def zeros_modulo(prime, quartics, powers):
+    """Pairs (i, j) for which quartic i vanishes at number j."""
+    hits = []
+    for i in range(len(quartics)):
+        q0, q1, q2, q3, q4 = quartics[i]
+        for j in range(len(powers)):
+            x1, x2, x3, x4 = powers[j]
+            if (q0 + q1 * x1 + q2 * x2 + q3 * x3 + q4 * x4) % prime == 0:
+                hits.append((i, j))
+    return hits
+
+
+def nodes_of_a_quadrature(b, versions):
+    """Nodes c3 to c6, as residues, of all rows within the edits that suit b up to degree 4.
+
+    Given c3 and c4, what the last two nodes have to contribute to the moments of degree 0 to 4
+    fills a 3 x 3 Hankel matrix of rank 2; its determinant, a quartic in c4, vanishes.
+    """
+    P = errata._PRIME
+    c3, c4, c5, c6 = (np.unique(version.sums) for version in versions[1:5])
+    b1, b3, b4, b5, b6 = (
+        b[i].numerator * pow(b[i].denominator, -1, P) % P for i in (0, 2, 3, 4, 5)
+    )
+
+    def times(*factors):
+        return functools.reduce(lambda x, y: x * y % P, factors)
+
+    moment = [(pow(k + 1, -1, P) - times(b3, *[c3] * k)) % P for k in range(5)]
+    m0, m1, m2, m3, m4 = moment[0] - b1, *moment[1:]
+    adjugate = {
+        (0, 0): times(m2, m4) - times(m3, m3), (0, 1): times(m2, m3) - times(m1, m4),
+        (0, 2): times(m1, m3) - times(m2, m2), (1, 1): times(m0 % P, m4) - times(m2, m2),
+        (1, 2): times(m1, m2) - times(m0 % P, m3), (2, 2): times(m0 % P, m2) - times(m1, m1),
+    }  # fmt: skip
+    w = {key: value % P for key, value in adjugate.items()}
+    determinant = times(m0 % P, w[0, 0]) + times(m1, w[0, 1]) + times(m2, w[0, 2])
+    quartic = [w[0, 0], 2 * w[0, 1], 2 * w[0, 2] + w[1, 1], 2 * w[1, 2], w[2, 2]]
+    quartic = [times(-b4 % P, q % P) for q in quartic]
+    quartic[0] = (quartic[0] + determinant) % P
+    powers = np.stack([times(*[c4] * k) for k in range(1, 5)], axis=1)
+    found = set()
+    for i, j in zeros_modulo(P, np.stack(quartic, axis=1), powers):
+        left = [(int(moment[k][i]) - b4 * int(powers[j, k - 1])) % P for k in range(1, 5)]
+        last = (left[0] - b5 * c5) % P * pow(b6, -1, P) % P
+        fits = np.isin(last, c6)
+        for k in range(2, 5):
+            fits &= (times(b5, *[c5] * k) + times(b6, *[last] * k) - left[k - 1]) % P == 0
+        found |= {(int(c3[i]), int(c4[j]), int(c5[n]), int(last[n])) for n in np.flatnonzero(fits)}
+    return found
+
+
+@pytest.mark.parametrize("key", ["rk5", "ndp5"])
+def test_the_stage_condition_is_no_restriction_for_the_fifth_order_methods(key):
+    # Weights that are not negative need q = 0 for order 5. For all others within the edits only
+    # the nodes of Dormand and Prince suit their weights; b q is then orthogonal to 1, c and c²,
+    # so that q = t v with known v; and Σ b q² = 0 leaves only t = 0. So the repair is unique
+    # without any condition on the stages.
+    rows = tableaux.printed_fractions(key)
+    versions = [errata._Versions(row) for row in rows[1:]]
+    correct = [Fraction(int(w.p), int(w.q)) for w in CORRECT[key].b][:6]
+    nodes = [Fraction(int(c.p), int(c.q)) for c in CORRECT[key].c][2:6]
+    residues = tuple(c.numerator * pow(c.denominator, -1, errata._PRIME) % errata._PRIME
+                     for c in nodes)  # fmt: skip
+    negative = [b for b in errata._consistent(versions[-1]) if min(b) < 0]
+    assert len(negative) >= 8
+    for b in negative:
+        expected = {residues} if list(b) == correct else set()
+        assert nodes_of_a_quadrature(b, versions) == expected
+    for version, node, residue in zip(versions[1:5], nodes, residues, strict=True):
+        same = [version.readings(int(k))[0] for k in np.flatnonzero(version.sums == residue)]
+        assert {sum(Fraction(*r.pair) for r in row) for row in same} == {node}
+    v = [1 / math.prod(x - y for y in nodes if y != x) for x in nodes]
+    assert sum(x**2 / w for x, w in zip(v, correct[2:], strict=True)) != 0
+
+
 def test_three_edits_in_a_row_are_beyond_the_search():
     rows = planted(RK5_UNREDUCED, a61=(-4, 7), a62=(3, 7), a63=(13, 7))
     assert search(rows).order_after < 5
@@ -166,8 +244,11 @@ def neighbours(text):
             if other and other[0] != "0" and other != text:
                 if n == length:
                     differ = [i for i in range(n) if text[i] != other[i]]
-                    swap = len(differ) == 2 and differ[1] == differ[0] + 1 and \
-                        text[differ[0]] + text[differ[1]] == other[differ[1]] + other[differ[0]]
+                    swap = (
+                        len(differ) == 2
+                        and differ[1] == differ[0] + 1
+                        and text[differ[0]] + text[differ[1]] == other[differ[1]] + other[differ[0]]
+                    )
                     near = len(differ) == 1 or swap
                 else:
                     long, short = sorted((text, other), key=len, reverse=True)

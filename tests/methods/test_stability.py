@@ -1,4 +1,3 @@
-# ruff: noqa: D103 (the names of the tests are sentences)
 """Stability functions and limits against known values, brute force and NodePy."""
 
 import functools
@@ -12,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nodepy import rk
 
-from armsim.methods import stability, tableaux, trees
+from armsim.methods import stability, trees
 from armsim.methods.tableaux import DP4, DP5, EULER, RK4_GILL, RK5, RK6, Tableau
 
 METHODS = [EULER, RK4_GILL, RK5, RK6, DP5, DP4]
 CLASSICAL = Tableau(
-    "RK4", [[0] * 4, ["1/2", 0, 0, 0], [0, "1/2", 0, 0], [0, 0, 1, 0]], "1/6 1/3 1/3 1/6".split()
+    "RK4", [[0] * 4, ["1/2", 0, 0, 0], [0, "1/2", 0, 0], [0, 0, 1, 0]], ["1/6", "1/3", "1/3", "1/6"]
 )
 methods = pytest.mark.parametrize("tableau", METHODS, ids=lambda t: t.name)
 

@@ -1,4 +1,3 @@
-# ruff: noqa: D103 (the names of the tests are sentences)
 """The tableaux against second, independent sources."""
 
 from fractions import Fraction

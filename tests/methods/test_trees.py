@@ -1,4 +1,3 @@
-# ruff: noqa: D103 (the names of the tests are sentences)
 """Order conditions against known values and against NodePy."""
 
 import math
@@ -68,7 +67,7 @@ def test_trees_have_their_size_and_descending_subtrees(n):
 
 @pytest.mark.parametrize("n", range(1, 9))
 def test_monotonic_labellings_add_up(n):
-    # n!/(σγ) of a tree counts the increasing labellings; all trees together have (n-1)!
+    # n!/(symmetry density) of a tree counts its increasing labellings; in all there are (n-1)!
     total = sum(
         Fraction(math.factorial(n), trees.symmetry(t) * trees.density(t))
         for t in trees.rooted_trees(n)

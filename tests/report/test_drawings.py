@@ -1,4 +1,3 @@
-# ruff: noqa: D103 (the names of the tests are sentences)
 """Tests of the drawn figures: complete, and nothing lies on something else."""
 
 import re

@@ -1,4 +1,3 @@
-# ruff: noqa: D103 (the names of the tests are sentences)
 """Tests of the style of the figures."""
 
 from itertools import combinations
@@ -12,9 +11,7 @@ from matplotlib.colors import to_rgb
 from armsim.report import figures
 
 # The CSS specification's hue-rotate matrix for 180 degrees
-HUE_ROTATE_180 = np.array(
-    [[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]]
-)
+HUE_ROTATE_180 = np.array([[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]])
 
 
 @pytest.fixture(autouse=True)

@@ -198,6 +198,12 @@ def rhs(t, y, set_velocity, c):
     return derivative(y, set_velocity, c, region(y, c))
 
 
+@_compiled
+def rhs_in_region(t, y, set_velocity, c, where):
+    """Right-hand side by the equations of one region: smooth, for steps from event to event."""
+    return derivative(y, set_velocity, c, where)
+
+
 # --- for the reader of a run ------------------------------------------------------------------
 
 

@@ -5,8 +5,10 @@ current source y6 = K_i v_c and motor and arm turn as one body of inertia J and 
 velocity loop is then of third order, and the position its integral.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -90,7 +92,9 @@ class LinearAxis:
             raise ValueError(f"set_velocity = {set_velocity!r} is not allowed; it must be finite")
         numerator, denominator = self.transfer_function
         if denominator[-1] == 0:
-            raise ValueError("K_2 = B_m = B_a = 0: the velocity grows without end; give one a value")
+            raise ValueError(
+                "K_2 = B_m = B_a = 0: the velocity grows without end; give one a value"
+            )
         poles = np.roots(denominator)
         gaps = np.abs(poles[:, None] - poles[None, :]) + np.diag(np.full(len(poles), np.inf))
         if gaps.min() < 1e-7 * np.abs(poles).max():
@@ -156,7 +160,7 @@ class StepResponse:
         )  # fmt: skip
         return -float(best.fun)
 
-    def _modes(self, function, weights, t) -> np.ndarray:
+    def _modes(self, function: Callable, weights: np.ndarray, t: Any) -> np.ndarray:
         t = np.asarray(t, dtype=float)
         return np.real(np.tensordot(weights, function(np.multiply.outer(self.poles, t)), axes=1))
 

@@ -1,9 +1,9 @@
 """The arm as a piecewise-affine system, for `armsim.methods.piecewise_affine`.
 
 The equations of a mode are those of `dynamics.derivative` in a region, read off on the unit
-vectors. The coordinates are (y0, x, y1, y3, y4, y5, y6): the difference x = r_g y2 - y0 between
-pinion and rack, paper's eq. (13), is a state of its own, so that its 1e-5 m are not lost in the
-difference of two metres.
+vectors, in coordinates (y0, x, y1, y3, v, y5, y6) in which no digits cancel: the play of the gear
+x = r_g y2 - y0, paper's eq. (13), is 1e-5 m where y0 reaches metres, and the preamplifier's output
+before its limit, v = y4 + T_z y5, paper's eq. (11), is a few volts where y4 reaches thousands.
 
 Where the paper's eq. (15) leaves the motion open, it is taken as follows. At y1 = 0 the arm sticks
 while |f_g| ≤ F_0 and else starts in the direction of f_g. At y1 = ±v_s it passes; where both sides
@@ -134,9 +134,9 @@ def _rubs(k):
 
 @_compiled
 def _rates(slope, k, out):
-    out[:] = (
-        slope[0], k.r_g * slope[2] - slope[0], slope[1], slope[3], slope[4], slope[5], slope[6]
-    )  # fmt: skip
+    out[0], out[2], out[3], out[5], out[6] = slope[0], slope[1], slope[3], slope[5], slope[6]
+    out[1] = k.r_g * slope[2] - slope[0]
+    out[4] = slope[4]
 
 
 @_compiled
@@ -159,7 +159,9 @@ def successor(mode, guard, side, z, numbers):
 def start(y, numbers):
     """Return state and mode at a start `y` (7,), given in the paper's order y0 … y6."""
     k = _named(numbers)
-    z = np.array([y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]])
+    z = np.array(
+        [y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]]
+    )
     where = region(_paper(z, k), k)
     if k.H == 0.0:  # the two flanks are one
         where = Region(where.preamplifier, where.power, 1, where.friction)
@@ -188,12 +190,11 @@ def run(numbers, starts, volts, t_end, y0, limits):
 
 
 @_compiled
-def states(record, times, r_g):
+def states(record, times, numbers):
     """States (7, n) of a run in the paper's order y0 … y6 at `times` (n,)."""
-    y = np.empty((7, times.size))
+    k, y = _named(numbers), np.empty((7, times.size))
     piecewise_affine.sample(record, times, y)
     for j in range(times.size):
-        x = y[1, j]
-        y[1, j] = y[2, j]
-        y[2, j] = (x + y[0, j]) / r_g
+        x, y[1, j] = y[1, j], y[2, j]
+        y[2, j] = (x + y[0, j]) / k.r_g
     return y

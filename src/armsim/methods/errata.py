@@ -26,8 +26,11 @@ the edits whose stages satisfy* :math:`q_i = 0`, those found are all that reach 
 .. math:: \sum_i b_i q_i^2 = \tfrac{1}{20} - \tfrac{1}{10} + \tfrac{1}{4} \cdot \tfrac{1}{5} = 0,
 
 so if no weight is negative, every method of order 5 or more has :math:`q_i = 0` wherever
-:math:`b_i \ne 0`. `Errata.weights_positive` counts the weights for which this holds; for others,
-such as those of Dormand and Prince, it is part of what is searched.
+:math:`b_i \ne 0`. `Errata.weights_positive` counts the weights for which this holds. For the
+two fifth-order methods of the paper the tests treat the other weights too, by the quadrature
+conditions alone, so that their repairs are unique without any condition on the stages; for the
+few weights of the sixth-order method that have a negative entry, and for the embedded weights of
+Dormand and Prince, q = 0 is part of what is searched.
 
 Rows are sifted modulo a prime larger than every denominator that occurs: an equation between
 rationals holds modulo the prime too, so nothing is lost, and what passes by accident fails the

@@ -35,11 +35,11 @@ class Rule(NamedTuple):
 FORMS = {
     # + copies an array, since a right-hand side may return the same one every time
     "additive": Rule("{a}*k{i}{p}", " + ", "{y} + h*({z})", "h*({z})", "+{f}"),
-    "exponential": Rule(
-        "{a}*k{i}{p}", " + ", "{y}*exp(h*({z}))", "{x}*expm1(-h*({z}))", "{f}/{u}"
-    ),
+    "exponential": Rule("{a}*k{i}{p}", " + ", "{y}*exp(h*({z}))", "{x}*expm1(-h*({z}))", "{f}/{u}"),
     # the same, with the exponentials multiplied one by one as the paper writes them
-    "exponential product": Rule("exp(h*({a}*k{i}{p}))", "*", "{y}*{z}", "{x} - {x}/({z})", "{f}/{u}"),
+    "exponential product": Rule(
+        "exp(h*({a}*k{i}{p}))", "*", "{y}*{z}", "{x} - {x}/({z})", "{f}/{u}"
+    ),
     # eq. (13)-(16) to the letter: no step size, and no division by the state
     "as printed": Rule("exp({a}*k{i}{p})", "*", "{y}*{z}", "{x} - {x}/({z})", "+{f}"),
 }
@@ -165,9 +165,13 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
         "errors": [
             f"e{p} = {rule.error.format(x=f'x{p}', z=joined(difference, p))}" for p, _ in parts
         ]
-        + each(f"w{{p}} = e{{p}}/(a{{p}} + rtol*maximum(abs(y{{p}}{minus_s}), abs(x{{p}}{minus_s})))")
+        + each(
+            f"w{{p}} = e{{p}}/(a{{p}} + rtol*maximum(abs(y{{p}}{minus_s}), abs(x{{p}}{minus_s})))"
+        )
         + [f"error = {square}"],
-        "slopes": [line for i in range(last + 1) for line in each("slopes[n, {i}, {row}] = k{i}{p}", i=i)],
+        "slopes": [
+            line for i in range(last + 1) for line in each("slopes[n, {i}, {row}] = k{i}{p}", i=i)
+        ],
         "next": each("k0{p} = k{i}{p}", i=last) if tableau.fsal else stage(0),
     }
     return _filled(_ADAPTIVE, blocks)

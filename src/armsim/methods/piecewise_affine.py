@@ -165,6 +165,18 @@ def _invert(V, W):
 
 
 @_compiled
+def _product(A, B):
+    """Product of two small matrices, which starts no library."""
+    n = A.shape[0]
+    product = np.zeros((n, n), np.complex128)
+    for i in range(n):
+        for k in range(n):
+            for j in range(n):
+                product[i, j] += A[i, k] * B[k, j]
+    return product
+
+
+@_compiled
 def _decompose(m, place):
     """Find the modal form of a matrix, or mark it as near-defective."""
     A, unit, n = m.A[place], m.unit[place], m.unit.shape[1]
@@ -176,10 +188,21 @@ def _decompose(m, place):
         for j in range(size):
             C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
     rate, V = np.linalg.eig(C)
-    C[:] = V
     m.modes[place] = DEFECTIVE
-    if not _invert(C, W) < WELL_CONDITIONED:
+    if not _invert(V.copy(), W) < WELL_CONDITIONED:
         return
+    # One Newton step: eigenvalues come with an error of the largest one's rounding. W C V shows
+    # what each still lacks, and how much of the other eigenvectors each has.
+    D = _product(W, _product(C, V))
+    X = np.zeros_like(D)
+    for i in range(size):
+        rate[i] = D[i, i]
+    for i in range(size):
+        for j in range(size):
+            if i != j:
+                X[i, j] = D[i, j] / (rate[j] - rate[i])
+    V += _product(V, X)
+    W -= _product(X, W)
     kept, total, real = 0, 0, 1e-10 / m.reach[place]
     for _ in range(size):
         k = 0
@@ -294,6 +317,15 @@ class Work(NamedTuple):
 
 
 @_compiled
+def _times(A, v):
+    product = np.zeros(v.size)
+    for i in range(v.size):
+        for j in range(v.size):
+            product[i] += A[i, j] * v[j]
+    return product
+
+
+@_compiled
 def _stand(here, z, w):
     """Note how each guard stands at the start of a piece; return what leaves, and past which side.
 
@@ -314,11 +346,7 @@ def _stand(here, z, w):
             continue
         if value > upper + noise or value < lower - noise:
             return g, side
-        v, size = w.slope.copy(), np.zeros(n)
-        for i in range(n):
-            size[i] = abs(here.b[i])
-            for j in range(n):
-                size[i] += abs(here.A[i, j] * z[j])
+        v, size = w.slope, _times(np.abs(here.A), np.abs(z)) + np.abs(here.b)
         while w.order[g] <= n:
             w.order[g] += 1
             derivative = sizes = 0.0
@@ -329,7 +357,7 @@ def _stand(here, z, w):
                 if side * derivative > 0.0:
                     return g, side
                 break
-            v, size = here.A @ v, np.abs(here.A) @ size
+            v, size = _times(here.A, v), _times(np.abs(here.A), size)
         w.derivative[g] = abs(derivative)
     return -1, 0
 
@@ -642,7 +670,9 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
             break
         if pieces == start.shape[0]:
             start, label = _longer(start), _longer(label)
-        start[pieces, 0], start[pieces, 1 : n + 1], start[pieces, n + 1 :] = t, z, w.slope
+        start[pieces, 0] = t
+        for i in range(n):
+            start[pieces, 1 + i], start[pieces, 1 + n + i] = z[i], w.slope[i]
         h, guard, side = _run_piece(here, m, place, until - t, z, w)
         if h > 0.0:
             label[pieces, 0], label[pieces, 1], label[pieces, 2] = mode, place, m.modes[place] >= 0

@@ -14,6 +14,7 @@ from armsim.methods import trees
 from armsim.methods.loops import FORMS, compiled_loop, python_loop
 from armsim.methods.tableaux import Tableau
 
+RightHandSide = Callable[..., Any]
 Form = Literal["additive", "exponential", "exponential product", "as printed"]
 
 #: Solutions of more than this many numbers are refused rather than exhaust the memory.
@@ -57,7 +58,7 @@ class Solution:
 
 
 def integrate(
-    fun: Callable[..., Any],
+    fun: RightHandSide,
     t_span: tuple[float, float],
     y0: Sequence[float] | np.ndarray,
     tableau: Tableau,
@@ -145,7 +146,17 @@ def integrate(
     return Solution(t, y, steps * len(tableau.evaluated_stages))
 
 
-def _adaptive(fun, t_span, y0, tableau, form, args, s, rtol, atol) -> Solution:
+def _adaptive(
+    fun: RightHandSide,
+    t_span: tuple[float, float],
+    y0: np.ndarray,
+    tableau: Tableau,
+    form: str,
+    args: tuple,
+    s: np.ndarray,
+    rtol: float,
+    atol: float | Sequence[float] | np.ndarray,
+) -> Solution:
     """Steps chosen by the embedded pair; results are collected in chunks."""
     if tableau.b_embedded is None:
         raise ValueError(
@@ -188,12 +199,20 @@ def _embedded_order(tableau: Tableau) -> int:
     return trees.order(Tableau(f"{tableau.name} embedded", tableau.A, tableau.b_embedded))
 
 
-def _first_step(fun, t, end, y0, scale, power, args) -> tuple[float, int]:
+def _first_step(
+    fun: RightHandSide,
+    t: float,
+    end: float,
+    y0: np.ndarray,
+    scale: np.ndarray,
+    power: float,
+    args: tuple,
+) -> tuple[float, int]:
     """Starting step of Hairer, Nørsett and Wanner I, section II.4, and the evaluations it took."""
     if t == end:
         return 0.0, 0
 
-    def norm(v):
+    def norm(v: np.ndarray) -> float:
         return float(np.sqrt(np.mean((v / scale) ** 2)))
 
     slope = _as_slope(fun(t, y0, *args), y0)
@@ -206,9 +225,12 @@ def _first_step(fun, t, end, y0, scale, power, args) -> tuple[float, int]:
     return math.copysign(min(100 * abs(h0), h1, abs(end - t)), end - t), 2
 
 
-def _extension(run: Solution, slopes: np.ndarray, tableau: Tableau, form: str, s: np.ndarray):
+def _extension(
+    run: Solution, slopes: np.ndarray, tableau: Tableau, form: str, s: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
     """Continuous extension y(t + θh), moved from the left end of a step along Σ b_i(θ) k_i."""
-    P = np.array(tableau.interpolant.tolist(), dtype=float)
+    assert tableau.interpolant is not None
+    P: np.ndarray = np.array(tableau.interpolant.tolist(), dtype=float)
     direction = 1 if run.t[-1] >= run.t[0] else -1
 
     def interpolate(times: np.ndarray) -> np.ndarray:
@@ -226,7 +248,7 @@ def _extension(run: Solution, slopes: np.ndarray, tableau: Tableau, form: str, s
 # --- input and output -------------------------------------------------------------------------
 
 
-def _checked_problem(t_span, y0) -> tuple[float, float, np.ndarray]:
+def _checked_problem(t_span: Any, y0: Any) -> tuple[float, float, np.ndarray]:
     try:
         start, end = map(float, t_span)
     except (TypeError, ValueError) as error:
@@ -243,7 +265,7 @@ def _checked_problem(t_span, y0) -> tuple[float, float, np.ndarray]:
     return start, end, y0
 
 
-def _checked_shift(shift, y0: np.ndarray, form: str) -> np.ndarray:
+def _checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
     """Shift of each component; zeros where there is none."""
     if form not in FORMS:
         raise ValueError(f"form = {form!r} is not known; allowed are {list(FORMS)}")
@@ -267,7 +289,7 @@ def _checked_shift(shift, y0: np.ndarray, form: str) -> np.ndarray:
     return s
 
 
-def require_positive(name: str, value: object) -> None:
+def require_positive(name: str, value: Any) -> None:
     """Raise ValueError unless a value is a finite positive real number."""
     real = isinstance(value, Real) and not isinstance(value, bool)
     if not (real and math.isfinite(value) and value > 0):
@@ -291,7 +313,7 @@ def _raise_if_lost(t: np.ndarray, y: np.ndarray, s: np.ndarray, form: str, metho
         raise IntegrationError(f"{method}: component {which} {what} at t = {t[n]:.6g}, step {n}")
 
 
-def _as_slope(value, y: np.ndarray) -> np.ndarray:
+def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
     slope = np.asarray(value, dtype=float)
     if slope.shape != y.shape:
         raise ValueError(
@@ -304,7 +326,15 @@ def _as_slope(value, y: np.ndarray) -> np.ndarray:
 # --- which loop -------------------------------------------------------------------------------
 
 
-def _loop(fun, tableau, form, start, y0, args, adaptive=False) -> tuple[Callable, Callable]:
+def _loop(
+    fun: RightHandSide,
+    tableau: Tableau,
+    form: str,
+    start: float,
+    y0: np.ndarray,
+    args: tuple,
+    adaptive: bool = False,
+) -> tuple[Callable, Callable]:
     """Loop for this right-hand side, and what turns an array into a state as it takes it."""
     if not is_jitted(fun):
         checked = lambda t, y, *args: _as_slope(fun(t, y, *args), y)  # noqa: E731
@@ -321,7 +351,7 @@ def _loop(fun, tableau, form, start, y0, args, adaptive=False) -> tuple[Callable
     return compiled_loop(fun, tableau, None, form, adaptive), np.asarray
 
 
-def _takes_tuples(fun, start, state, args) -> bool:
+def _takes_tuples(fun: RightHandSide, start: float, state: tuple[float, ...], args: tuple) -> bool:
     """Whether a compiled `fun` maps a tuple of scalars to another, rather than needs arrays."""
     try:
         slope = fun(start, state, *args)

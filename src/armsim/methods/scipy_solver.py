@@ -30,6 +30,9 @@ def fixed_step_solver(tableau: Tableau, step_size: float, form: Any, shift: Any)
     class FixedStep(OdeSolver):
         """Fixed steps with one tableau, between them a cubic Hermite polynomial."""
 
+        t: float
+        y: np.ndarray
+
         def __init__(
             self,
             fun: Callable,
@@ -61,6 +64,7 @@ def fixed_step_solver(tableau: Tableau, step_size: float, form: Any, shift: Any)
 
         def _dense_output_impl(self) -> DenseOutput:
             times, states = [self.t_old, self.t], [self.y_old, self.y]
-            return _Hermite(times, states, [self.fun(t, y) for t, y in zip(times, states, strict=True)])
+            slopes = [self.fun(t, y) for t, y in zip(times, states, strict=True)]
+            return _Hermite(times, states, slopes)
 
     return FixedStep

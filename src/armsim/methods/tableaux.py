@@ -116,7 +116,9 @@ class Tableau:
                 needed.add(i)
         return tuple(sorted(needed))
 
-    def solver(self, step_size: float, form: str = "additive", shift: Any = None) -> type[OdeSolver]:
+    def solver(
+        self, step_size: float, form: str = "additive", shift: Any = None
+    ) -> type[OdeSolver]:
         """Fixed-step solver class for the `method` argument of `scipy.integrate.solve_ivp`.
 
         Parameters
@@ -145,7 +147,8 @@ class Tableau:
 
     def floats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,): the one place that rounds."""
-        return tuple(np.array(part.tolist(), dtype=float) for part in (self.A, self.b, self.c))
+        A, b, c = (np.array(part.tolist(), dtype=float) for part in (self.A, self.b, self.c))
+        return A, b, c
 
 
 def _exact(value: object, where: str) -> sympy.Expr:

@@ -106,7 +106,7 @@ class Study:
         Parameters
         ----------
         key : str
-            A letter, then letters, digits, ``_`` or ``-``; once per study.
+            Named like a record; once per study, tables included.
         fig : matplotlib.figure.Figure
             The figure; its background becomes transparent.
         data : mapping of column name to 1-D array, or DataFrame, optional
@@ -133,7 +133,7 @@ class Study:
         Parameters
         ----------
         key : str
-            A letter, then letters, digits, ``_`` or ``-``; once per study.
+            Named like a record; once per study.
         frame : pandas.DataFrame
             Cells are texts as they shall appear, mathematics included. The index is left out.
             A column of numbers is set flush right.
@@ -154,6 +154,12 @@ class Study:
         part = self.results / f".{name}.part"
         part.write_text(text, encoding="utf-8", newline="\n")
         part.replace(self.results / name)
+
+
+def scientific(value: float, digits: int = 1) -> str:
+    r"""Text of a number for a table, such as ``$6.9 \cdot 10^{-2}$``, which never breaks in two."""
+    mantissa, exponent = f"{value:.{digits}e}".split("e")
+    return f"${mantissa} \\cdot 10^{{{int(exponent)}}}$"
 
 
 def _check_key(key: Any, taken: Any) -> None:

@@ -1,0 +1,403 @@
+"""`integrate` at a fixed step: order, agreement with a plain Runge-Kutta step, input and errors."""
+
+import importlib
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+from scipy.integrate import solve_ivp
+
+from armsim import methods
+from armsim.methods import IntegrationError, integrate, tableaux
+from armsim.methods.tableaux import Tableau
+
+ORDERS = {
+    tableaux.EULER: 1,
+    tableaux.RK4_GILL: 4,
+    tableaux.RK5: 5,
+    tableaux.RK6: 6,
+    tableaux.DP5: 5,
+    tableaux.DP4: 4,
+}
+every_method = pytest.mark.parametrize("tableau", ORDERS, ids=lambda tableau: tableau.name)
+every_form = pytest.mark.parametrize("form", ["additive", "exponential"])
+
+
+@njit
+def hairer(t, y):
+    """Nonlinear, coupled both ways and time-dependent: Hairer, Nørsett and Wanner I, (II.4)."""
+    return 2 * t * y[0] * np.log(y[1]), -2 * t * y[1] * np.log(y[0])
+
+
+def hairer_solution(t):
+    return np.exp([np.sin(t**2), np.cos(t**2)])
+
+
+@njit
+def hunt(t, y):
+    """Predator and prey with a season: positive, and nonlinear in ln y too (unlike `hairer`)."""
+    return y[0] * (1.5 + np.sin(2 * t) - y[1]), y[1] * (y[0] - 1.0)
+
+
+HUNT = np.array([1.5, 0.5])
+
+
+def hunt_solution(t):
+    """By a method of order 8 at the limit of its accuracy, about 1e-14."""
+    if t == 0.0:
+        return HUNT
+    return solve_ivp(hunt.py_func, (0, t), HUNT, "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+
+
+def oscillator(t, y, rate=1.0):
+    return np.array([y[1], -rate * y[0]])
+
+
+def plain_step(fun, t, y, h, A, b, c, form):
+    """One step, in arrays and in the order in which textbooks write it."""
+    k = np.zeros((len(b), y.size))
+    move = (lambda z: y + h * z) if form == "additive" else (lambda z: y * np.exp(h * z))
+    for i in range(len(b)):
+        stage = move(A[i] @ k)
+        k[i] = np.asarray(fun(t + c[i] * h, stage)) / (1 if form == "additive" else stage)
+    return move(b @ k)
+
+
+# --- order --------------------------------------------------------------------------------------
+
+
+@every_method
+@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "plain"])
+@pytest.mark.parametrize(
+    ("form", "fun", "solution", "end"),
+    [("additive", hairer, hairer_solution, 2.0), ("exponential", hunt, hunt_solution, 4.0)],
+    ids=["additive", "exponential"],
+)
+def test_observed_order(tableau, compiled, form, fun, solution, end):
+    order = ORDERS[tableau]
+    # So many steps that the next order's error is small, and rounding (1e-14) smaller still. The
+    # slack of 0.2 is needed by DP5 only, which was made to have a small fifth-order error.
+    steps = {1: 1280, 4: 320, 5: 320, 6: 80}[order]
+    fun = fun if compiled else fun.py_func
+    coarse, fine = (
+        integrate(fun, (0.0, end), solution(0.0), tableau, end / n, form).y[:, -1] - solution(end)
+        for n in (steps, 2 * steps)
+    )
+    observed = np.log2(np.linalg.norm(coarse) / np.linalg.norm(fine))
+    assert observed == pytest.approx(order, abs=0.2 if tableau is tableaux.DP5 else 0.1)
+
+
+# --- one step, and many -------------------------------------------------------------------------
+
+
+def random_tableau(seed, stages):
+    """Explicit, consistent at no order, some entries zero."""
+    rng = np.random.default_rng(seed)
+
+    def number():
+        return Fraction(int(rng.integers(-9, 10)), int(rng.integers(1, 12)))
+
+    A = [[number() if j < i else 0 for j in range(stages)] for i in range(stages)]
+    return Tableau(f"random {seed}", A, [number() for _ in range(stages)])
+
+
+@every_form
+@pytest.mark.parametrize("seed", range(6))
+def test_a_step_of_a_random_tableau_is_the_plain_runge_kutta_step(seed, form):
+    tableau = random_tableau(seed, stages=seed + 1)
+    A, b, c = (np.array([[float(x) for x in row] for row in tableau.A.tolist()]),
+               np.array([float(x) for x in tableau.b]),
+               np.array([sum(map(float, row)) for row in tableau.A.tolist()]))  # fmt: skip
+    y0, t0, h = np.array([0.4, 0.45]), 0.3, 0.01
+    expected = plain_step(hunt.py_func, t0, y0, h, A, b, c, form)
+    for fun in (hunt, hunt.py_func):
+        found = integrate(fun, (t0, t0 + h), y0, tableau, 1.0, form).y[:, -1]
+        assert found == pytest.approx(expected, rel=1e-14)
+
+
+@every_form
+@every_method
+def test_compiled_and_plain_runs_differ_by_rounding_only(tableau, form):
+    compiled, plain = (
+        integrate(fun, (0.0, 1.0), [0.5, 0.4], tableau, 0.01, form) for fun in (hunt, hunt.py_func)
+    )
+    assert compiled.y == pytest.approx(plain.y, rel=1e-14)  # 100 steps of 1e-16 each, not in phase
+    assert np.array_equal(compiled.t, plain.t)
+    assert compiled.nfev == plain.nfev
+
+
+@every_form
+@every_method
+def test_right_hand_side_is_called_as_often_as_counted_and_at_the_nodes(tableau, form):
+    times = []
+
+    def fun(t, y):
+        times.append(t)
+        return -y * t
+
+    found = integrate(fun, (1.0, 2.0), [1.0], tableau, 0.3, form)
+    assert found.nfev == len(times)
+    c = np.array([float(sum(row)) for row in tableau.A.tolist()])
+    b = [float(x) for x in tableau.b]
+    if b[-1] == 0:  # DP5: the last stage is for the error estimate only
+        c = c[:-1]
+    starts, steps = found.t[:-1], np.diff(found.t)
+    expected = (starts[:, None] + c * steps[:, None]).ravel()
+    assert times == pytest.approx(expected, rel=1e-14)
+
+
+def test_times_are_the_start_and_whole_steps():
+    found = integrate(oscillator, (0.5, 1.75), [1.0, 0.0], tableaux.EULER, 0.25)
+    assert list(found.t) == [0.5, 0.75, 1.0, 1.25, 1.5, 1.75]
+
+
+@pytest.mark.parametrize(("step", "count", "last"), [(0.3, 4, 0.1), (0.1, 10, 0.1), (5.0, 1, 1.0)])
+def test_the_last_step_is_shortened_and_none_is_added_by_rounding(step, count, last):
+    found = integrate(oscillator, (0.0, 1.0), [1.0, 0.0], tableaux.RK6, step)
+    assert found.t.size == count + 1
+    assert found.t[-1] == 1.0
+    assert found.t[-1] - found.t[-2] == pytest.approx(last)
+    assert found.y[:, -1] == pytest.approx([np.cos(1), -np.sin(1)], abs=2e-3)
+
+
+def test_time_runs_backwards():
+    forth = integrate(hairer, (0.3, 1.3), hairer_solution(0.3), tableaux.RK6, 0.005)
+    back = integrate(hairer, (1.3, 0.3), forth.y[:, -1], tableaux.RK6, 0.005)
+    assert np.all(np.diff(back.t) < 0)
+    assert back.t[-1] == 0.3
+    # both ways err by less than 1e-10
+    assert back.y[:, -1] == pytest.approx(hairer_solution(0.3), rel=2e-10)
+
+
+def test_a_span_of_no_length_is_the_initial_state():
+    for fun in (hunt, hunt.py_func):
+        found = integrate(fun, (1.0, 1.0), [0.5, 0.4], tableaux.RK6, 0.1)
+        assert found.t.tolist() == [1.0]
+        assert found.y.tolist() == [[0.5], [0.4]]
+        assert found.nfev == 0
+
+
+# --- right-hand sides of every kind -------------------------------------------------------------
+
+
+@njit
+def oscillator_tuple(t, y, rate):
+    return y[1], -rate * y[0]
+
+
+@njit
+def oscillator_array(t, y, rate):
+    return np.array([y[1], -rate * y[0]])
+
+
+@njit
+def oscillator_vector(t, y, rate):
+    return y[::-1] * np.array([1.0, -rate])
+
+
+@njit("float64[:](float64, float64[:], float64)")
+def oscillator_eager(t, y, rate):
+    return np.array([y[1], -rate * y[0]])
+
+
+def oscillator_list(t, y, rate):
+    return [y[1], -rate * y[0]]
+
+
+@pytest.mark.parametrize(
+    "fun",
+    [oscillator, oscillator_list, oscillator_tuple, oscillator_array, oscillator_vector,
+     oscillator_eager],
+    ids=lambda fun: fun.__name__,
+)  # fmt: skip
+def test_tuples_lists_and_arrays_compiled_or_not_with_args(fun):
+    found = integrate(fun, (0, 1), (1, 0), tableaux.RK6, 0.01, args=(4.0,))
+    assert found.y.shape == (2, 101)
+    assert found.y.dtype == float
+    assert found.y[:, -1] == pytest.approx([np.cos(2), -2 * np.sin(2)], rel=1e-10)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_right_hand_side_may_return_the_same_array_every_time(compiled):
+    def decay(t, y, out):
+        out[0] = -y[0]
+        return out
+
+    fun = njit(decay) if compiled else decay
+    found = integrate(fun, (0, 1), [1.0], tableaux.RK6, 0.1, args=(np.zeros(1),))
+    assert found.y[0, -1] == pytest.approx(np.exp(-1), rel=1e-8)
+
+
+@pytest.mark.parametrize("size", [1, 16, 17, 40])
+def test_systems_of_any_size(size):
+    rates = np.linspace(0.1, 2, size)
+
+    @njit
+    def decay(t, y, rates):
+        return -rates * y
+
+    for fun in (decay, decay.py_func):
+        found = integrate(fun, (0, 1), np.ones(size), tableaux.RK6, 0.05, args=(rates,))
+        assert found.y[:, -1] == pytest.approx(np.exp(-rates), rel=1e-8)
+
+
+def test_initial_state_is_not_changed():
+    y0 = np.array([1.0, 0.0])
+    found = integrate(oscillator, (0, 1), y0, tableaux.RK6, 0.1)
+    found.y[:] = 7
+    assert y0.tolist() == [1.0, 0.0]
+
+
+# --- input --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "step", [0, 0.0, -0.1, np.inf, -np.inf, np.nan, True, np.True_, "0.1", 5e-324, 1e-300]
+)
+def test_a_wrong_step_is_refused(step):
+    with pytest.raises((ValueError, TypeError), match="step_size = "):
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.RK6, step)
+
+
+def test_a_step_too_small_for_the_memory_says_how_many_fit():
+    with pytest.raises(ValueError, match=r"step_size = 1e-12 would take 1e\+12 steps.* at most"):
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.RK6, 1e-12)
+
+
+@pytest.mark.parametrize("span", [(0, np.inf), (np.nan, 1), (0,), (0, 1, 2), 1.0, ("a", 1), None])
+def test_a_wrong_span_is_refused(span):
+    with pytest.raises(ValueError, match="t_span = "):
+        integrate(oscillator, span, [1.0, 0.0], tableaux.RK6, 0.1)
+
+
+@pytest.mark.parametrize("y0", [1.0, [], [[1.0, 0.0]], [1.0, np.nan], [np.inf, 0.0], [1j, 0.0]])
+def test_a_wrong_initial_state_is_refused(y0):
+    with pytest.raises(ValueError, match="y0 "):
+        integrate(oscillator, (0, 1), y0, tableaux.RK6, 0.1)
+
+
+def test_an_unknown_form_is_answered_with_the_known_ones():
+    with pytest.raises(ValueError, match=r"form = 'log' is not known; allowed are .*'additive'"):
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.RK6, 0.1, "log")
+
+
+@pytest.mark.parametrize("y0", [[1.0, 0.0], [1.0, -1e-300]])
+def test_the_exponential_form_needs_positive_components(y0):
+    with pytest.raises(ValueError, match=r"y0\[1\].*exponential form needs"):
+        integrate(oscillator, (0, 1), y0, tableaux.RK6, 0.1, "exponential")
+
+
+@njit
+def one_too_many(t, y):
+    return y[0], y[0], y[0]
+
+
+@njit
+def scalar(t, y):
+    return y[0]
+
+
+@pytest.mark.parametrize(
+    "fun", [one_too_many, one_too_many.py_func, scalar, scalar.py_func, lambda t, y: [[1.0, 2.0]]]
+)
+def test_a_right_hand_side_of_the_wrong_shape_is_refused(fun):
+    with pytest.raises(ValueError, match=r"returned an array of shape .*state has 2 components"):
+        integrate(fun, (0, 1), [1.0, 0.0], tableaux.RK6, 0.1)
+
+
+def test_a_compiled_tuple_too_long_to_unroll_is_refused():
+    @njit
+    def fun(t, y):
+        return (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8], y[9], y[10], y[11], y[12],
+                y[13], y[14], y[15], y[16])  # fmt: skip
+
+    with pytest.raises(ValueError, match=r"returns a tuple.*16 components"):
+        integrate(fun, (0, 1), np.ones(17), tableaux.RK6, 0.1)
+
+
+# --- blow-up ------------------------------------------------------------------------------------
+
+
+@njit
+def square(t, y):
+    return (y[0], y[1] * y[1])
+
+
+@every_form
+@pytest.mark.parametrize("fun", [square, square.py_func], ids=["compiled", "plain"])
+def test_a_blow_up_names_method_form_step_component_and_time(fun, form):
+    """ẏ = y² from 1 leaves every bound at t = 1."""
+    with pytest.raises(IntegrationError) as error:
+        integrate(fun, (0, 3), [1.0, 1.0], tableaux.DP5, 0.01, form)
+    message = str(error.value)
+    for part in ("DP5", form, "step size 0.01", "component 1", "blew up"):
+        assert part in message
+    time = float(message.split("t = ")[1].split(",")[0])
+    assert 1.0 <= time < 1.1
+
+
+def test_a_blow_up_gives_no_warning_beside_its_error(recwarn):
+    with pytest.raises(IntegrationError):
+        integrate(square.py_func, (0, 3), [1.0, 1.0], tableaux.DP5, 0.01)
+    assert not recwarn
+
+
+def test_a_solution_that_reaches_zero_in_the_exponential_form_is_an_error():
+    with pytest.raises(IntegrationError, match=r"Euler, exponential .*component 0 .*t = 1, step 1"):
+        integrate(lambda t, y: -1e6 * y, (0, 1), [1.0], tableaux.EULER, 1.0, "exponential")
+
+
+# --- machine code kept on disk ------------------------------------------------------------------
+
+SOURCE = """
+from numba import njit
+from scipy.integrate import solve_ivp
+
+@njit
+def rhs(t, y):
+    return (-{rate} * y[0],)
+"""
+
+
+@pytest.fixture
+def kept():
+    """Files of generated loops that appear during the test, which removes them."""
+    folder = Path(methods.__file__).parent / "__pycache__"
+    before = set(folder.glob("loop_*"))
+
+    def new():
+        return {file for file in set(folder.glob("loop_*")) - before if file.suffix == ".py"}
+
+    yield new
+    for file in set(folder.glob("loop_*")) - before:
+        file.unlink(missing_ok=True)
+
+
+def test_a_loop_is_kept_under_a_name_that_changes_with_the_module(tmp_path, monkeypatch, kept):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    found = []
+    for rate in (1.0, 3.0, 3.0):
+        (tmp_path / "changing_problem.py").write_text(SOURCE.format(rate=rate), encoding="utf-8")
+        monkeypatch.delitem(sys.modules, "changing_problem", raising=False)
+        importlib.invalidate_caches()
+        module = importlib.import_module("changing_problem")
+        y = integrate(module.rhs, (0, 1), [1.0], tableaux.RK6, 0.1).y[0, -1]
+        assert y == pytest.approx(np.exp(-rate), rel=1e-5)
+        found.append(len(kept()))
+    assert found == [1, 2, 2]
+
+
+def test_a_function_that_cannot_be_imported_again_is_compiled_without_a_file(kept):
+    rate = 2.0
+
+    @njit
+    def local(t, y):
+        return (-rate * y[0],)
+
+    y = integrate(local, (0, 1), [1.0], tableaux.RK6, 0.01).y[0, -1]
+    assert y == pytest.approx(np.exp(-2), rel=1e-10)
+    assert not kept()
