@@ -2,6 +2,6 @@
 
 from armsim.arm.linear import LinearAxis
 from armsim.arm.parameters import AxisParameters
-from armsim.arm.simulate import Trajectory, simulate
+from armsim.arm.simulate import Trajectory, simulate, simulate_many
 
-__all__ = ["AxisParameters", "LinearAxis", "Trajectory", "simulate"]
+__all__ = ["AxisParameters", "LinearAxis", "Trajectory", "simulate", "simulate_many"]

@@ -208,12 +208,17 @@ def rhs_in_region(t, y, set_velocity, c, where):
 
 
 @_compiled
-def _auxiliary_columns(y, c, out):
+def _auxiliary_columns(y, c, regions, out):
     for n in range(y.shape[1]):
-        out[:, n] = np.array(auxiliary(y[:, n], c, region(y[:, n], c)))
+        where = region(y[:, n], c)
+        if regions.size > 0:
+            where = Region(regions[n, 0], regions[n, 1], regions[n, 2], regions[n, 3])
+        out[:, n] = np.array(auxiliary(y[:, n], c, where))
 
 
-def auxiliary_variables(p: AxisParameters, y: np.ndarray) -> dict[str, np.ndarray]:
+def auxiliary_variables(
+    p: AxisParameters, y: np.ndarray, regions: Sequence[Region] = ()
+) -> dict[str, np.ndarray]:
     """Auxiliary variables of Table 2 along a run.
 
     Parameters
@@ -222,6 +227,9 @@ def auxiliary_variables(p: AxisParameters, y: np.ndarray) -> dict[str, np.ndarra
         Of the axis.
     y : (7, n) array_like
         States.
+    regions : sequence of n regions, optional
+        Where each state belongs. Left out, the state decides, which cannot tell that the arm
+        sticks, and may err by rounding on a limit.
 
     Returns
     -------
@@ -230,7 +238,8 @@ def auxiliary_variables(p: AxisParameters, y: np.ndarray) -> dict[str, np.ndarra
     """
     y = np.ascontiguousarray(y, dtype=float)
     out = np.empty((4, y.shape[1]))
-    _auxiliary_columns(y, constants(p), out)
+    where = np.array(regions, dtype=np.int64).reshape(len(regions), 4)
+    _auxiliary_columns(y, constants(p), where, out)
     return dict(zip(("f_g", "F_s", "v_m", "v_c"), out, strict=True))
 
 

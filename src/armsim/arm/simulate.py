@@ -1,52 +1,121 @@
 """One call that runs an axis, and the trajectory that comes back."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+import os
+import sys
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from numbers import Real
 
 import numpy as np
 
-from armsim.arm.dynamics import auxiliary_variables, constants, rhs
+from armsim.arm import switching
+from armsim.arm.dynamics import Region, auxiliary_variables, constants, region, rhs
 from armsim.arm.parameters import AxisParameters
+from armsim.methods.piecewise_affine import Event, ExactSolution, Record, require_finished
 from armsim.methods.runge_kutta import Form, IntegrationError, integrate
 from armsim.methods.tableaux import Tableau
 
 #: Volts, or the volts from each time on.
 SetVelocity = float | Iterable[tuple[float, float]]
+Schedule = tuple[tuple[float, float], ...]
+
+#: An exact run with more events or pieces than these is an error.
+MAX_EVENTS, MAX_PIECES = 100_000, 1_000_000
+#: Runs of a batch that a thread takes at once.
+_CHUNK = 64
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A simulated motion: states at the steps, and by interpolation at any time between.
-
-    Calling it gives the state at a time (7,), or at n times (7, n).
-    """
+    """A simulated motion. Calling it gives the state at a time (7,), or at n times (7, n)."""
 
     parameters: AxisParameters
-    schedule: tuple[tuple[float, float], ...]  #: set velocity: volts from each time on
-    t: np.ndarray  #: (n,) times in s
-    y: np.ndarray  #: (7, n) states y0 … y6 of Table 1
-    nfev: int  #: right-hand-side evaluations
-    events: tuple = field(default=())  #: switching events, where the method finds them
+    schedule: Schedule  #: set velocity: volts from each time on
+    solution: "ExactSolution | Steps"
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times (n,) in s: of the steps; of an exact run, for a drawing, with all its events."""
+        return self.solution.t
+
+    @property
+    def y(self) -> np.ndarray:
+        """States (7, n) y0 … y6 of Table 1 at the times `t`."""
+        return self.solution.y
+
+    @property
+    def nfev(self) -> int:
+        """Right-hand-side evaluations; an exact run makes none."""
+        return self.solution.nfev
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Switching events of an exact run in the order of time, with the regions; else none."""
+        return self.solution.events
+
+    @property
+    def initial_region(self) -> Region:
+        """Region at the start, before any event."""
+        return self.events[0].before if self.events else self.regions(self.t[:1])[0]
+
+    def regions(self, t: np.ndarray) -> list[Region]:
+        """Regions at the times `t` (n,); at an event of an exact run, the region after it."""
+        if isinstance(self.solution, ExactSolution):
+            return self.solution.modes(t)
+        k = constants(self.parameters)
+        return [Region(*region(y, k)) for y in self(np.asarray(t)).T]
 
     def set_velocity(self, t: np.ndarray | float) -> np.ndarray:
         """Set velocity U in volts at the times `t`; at a switch, the new value."""
-        starts, volts = np.array(self.schedule).T
-        return volts[np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)]
+        return _set_velocity(self.schedule, t)
 
-    def auxiliary(self) -> dict[str, np.ndarray]:
-        """Auxiliary variables of Table 2 at the times `t`: f_g, F_s in N and v_m, v_c in V."""
-        return auxiliary_variables(self.parameters, self.y)
+    def auxiliary(self, t: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Auxiliary variables of Table 2: f_g, F_s in N and v_m, v_c in V.
 
-    def __call__(self, t: np.ndarray | float) -> np.ndarray:
-        """State at the times `t`, by cubic Hermite interpolation between steps.
+        Parameters
+        ----------
+        t : (n,) array_like, optional
+            Times in s; those of ``run.t`` if left out.
 
         Raises
         ------
         ValueError
             If a time lies outside the run.
         """
+        times = self.t if t is None else np.asarray(t, dtype=float)
+        y = self.y if t is None else self(times)
+        exact = isinstance(self.solution, ExactSolution)
+        return auxiliary_variables(self.parameters, y, self.regions(times) if exact else ())
+
+    def __call__(self, t: np.ndarray | float) -> np.ndarray:
+        """State at the times `t`: exact, or by cubic Hermite interpolation between steps.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the run.
+        """
+        return self.solution(t)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """States at the steps of a Runge-Kutta method."""
+
+    parameters: AxisParameters
+    schedule: Schedule
+    t: np.ndarray
+    y: np.ndarray
+    nfev: int
+    events: tuple = ()  #: the method knows of none
+
+    def __call__(self, t: np.ndarray | float) -> np.ndarray:
+        """States at the times `t` by cubic Hermite interpolation."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
         outside = ~((times >= self.t[0]) & (times <= self.t[-1]))
         if outside.any():
@@ -57,7 +126,7 @@ class Trajectory:
         h = self.t[left + 1] - self.t[left]
         s = (times - self.t[left]) / h
         before, after = self.y[:, left], self.y[:, left + 1]
-        volts, k = self.set_velocity(self.t[left]), constants(self.parameters)
+        volts, k = _set_velocity(self.schedule, self.t[left]), constants(self.parameters)
         slope = np.array([rhs(0.0, y, u, k) for y, u in zip(before.T, volts, strict=True)]).T
         slope_after = np.array([rhs(0.0, y, u, k) for y, u in zip(after.T, volts, strict=True)]).T
         y = (
@@ -73,8 +142,8 @@ def simulate(
     set_velocity: SetVelocity = 10.0,
     t_end: float = 1.0,
     *,
-    method: Tableau,
-    step_size: float,
+    method: Tableau | None = None,
+    step_size: float | None = None,
     form: Form = "additive",
     y0: Sequence[float] | np.ndarray | None = None,
 ) -> Trajectory:
@@ -86,38 +155,161 @@ def simulate(
         The axis.
     set_velocity : float or sequence of (time, volts)
         Input U: constant, or piecewise constant with each value from its time (s, rising, not
-        negative) on, and 0 V before the first. Steps are shortened to end at the switches.
+        negative) on, and 0 V before the first. Every method changes it exactly at its times.
     t_end : float
         End of the run in s.
-    method : Tableau
-        Runge-Kutta method.
-    step_size : float
-        Fixed step in s.
+    method : Tableau, optional
+        Runge-Kutta method. Left out, the run is exact up to rounding: linear pieces are solved in
+        closed form from event to event, see `armsim.methods.piecewise_affine`.
+    step_size : float, optional
+        Fixed step in s of a Runge-Kutta method; left out, one with embedded weights chooses it.
     form : {"additive", "exponential"}
         See `armsim.methods.integrate`.
     y0 : (7,) array_like, optional
-        Initial state; at rest if left out.
+        Initial state; at rest if left out. With y1 = 0 the arm sticks as far as friction allows.
 
     Returns
     -------
     Trajectory
-        With ``t`` (n,), ``y`` (7, n) and ``nfev``.
+        With ``t`` (n,), ``y`` (7, n), ``events`` and ``nfev``.
 
     Raises
     ------
     TypeError, ValueError
         If an argument is out of range; the message names it, its value and what is allowed.
     IntegrationError
-        If the step is so large that the solution blows up.
-    """
-    schedule = _checked_schedule(set_velocity)
-    t_end = _checked_number("t_end", t_end)
-    if t_end <= 0:
-        raise ValueError(f"t_end = {t_end} is not allowed; it must be positive")
-    state = np.zeros(7) if y0 is None else np.asarray(y0, dtype=float)
-    if state.shape != (7,):
-        raise ValueError(f"y0 has shape {state.shape}; the 7 states y0 … y6 are needed")
+        If the step is so large that the solution blows up, or an exact run meets more than
+        `MAX_EVENTS` events; the message says when.
 
+    Examples
+    --------
+    >>> from armsim.arm import AxisParameters, simulate
+    >>> run = simulate(AxisParameters.paper_x_axis(), set_velocity=10.0, t_end=1.0)
+    >>> event = run.events[-1]
+    >>> print(f"{event.time:.9f} s: preamplifier from {event.before[0]} to {event.after[0]}")
+    0.845527127 s: preamplifier from 1 to 0
+    """
+    schedule, t_end, state = _checked(set_velocity, t_end, y0)
+    if method is not None:
+        return _runge_kutta(p, schedule, t_end, method, step_size, form, state)
+    if step_size is not None or form != "additive":
+        raise ValueError(
+            f"step_size = {step_size!r} and form = {form!r} are for a Runge-Kutta method; "
+            "give one as method, or leave them out"
+        )
+    numbers = np.array(constants(p))
+    starts, volts = np.array(schedule).T.copy()
+    with _patience():
+        record = switching.run(numbers, starts, volts, t_end, state, (MAX_EVENTS, MAX_PIECES))
+    require_finished(record, switching.region_of, Region._fields.__getitem__)
+    solution = ExactSolution(
+        record,
+        t_end,
+        partial(_states, numbers),
+        switching.region_of,
+        Region._fields.__getitem__,
+        tuple(start for start in starts.tolist() if start < t_end),
+    )
+    return Trajectory(p, schedule, solution)
+
+
+def simulate_many(
+    parameters: Iterable[AxisParameters],
+    set_velocity: SetVelocity = 10.0,
+    t_end: float = 1.0,
+    times: Sequence[float] | np.ndarray | None = None,
+    *,
+    y0: Sequence[float] | np.ndarray | None = None,
+    threads: int | None = None,
+) -> np.ndarray:
+    """Run many axes exactly, in compiled code and on all processors, as for a fit or a study.
+
+    Parameters
+    ----------
+    parameters : iterable of r AxisParameters
+        The axes.
+    set_velocity, t_end, y0
+        As for `simulate`, the same for all.
+    times : (n,) array_like, optional
+        Times in s, from 0 to `t_end`; only `t_end` if left out.
+    threads : int, optional
+        Number of threads, one a processor if left out. Results do not depend on it.
+
+    Returns
+    -------
+    (r, 7, n) array
+        States y0 … y6 of each run at the times.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is out of range; the message names it, its value and what is allowed.
+    IntegrationError
+        If a run fails; the message names its place in `parameters`.
+    """
+    schedule, t_end, state = _checked(set_velocity, t_end, y0)
+    axes = list(parameters)
+    at = np.array([t_end] if times is None else times, dtype=float)
+    if at.ndim != 1 or not ((at >= 0) & (at <= t_end)).all():
+        raise ValueError(f"times = {times!r}: a row of numbers from 0 to t_end = {t_end} is needed")
+    if threads is not None and (isinstance(threads, bool) or threads < 1):
+        raise ValueError(f"threads = {threads!r} is not allowed; it must be at least 1")
+    numbers = np.array([constants(p) for p in axes]).reshape(len(axes), -1)
+    starts, volts = np.array(schedule).T.copy()
+    y, status = np.empty((len(axes), 7, at.size)), np.empty(len(axes), np.int64)
+    limits = (MAX_EVENTS, MAX_PIECES)
+
+    def work(first: int) -> None:
+        part = slice(first, first + _CHUNK)
+        switching.run_many(
+            numbers[part], starts, volts, t_end, state, limits, at, y[part], status[part]
+        )
+
+    with _patience():
+        switching.run_many(
+            numbers[:0], starts, volts, t_end, state, limits, at, y[:0], status[:0]
+        )  # compiles where that is still to be done, before threads would do it all at once
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        list(pool.map(work, range(0, len(axes), _CHUNK)))
+    for n in np.flatnonzero(status):
+        try:
+            simulate(axes[n], schedule, t_end, y0=state)
+        except IntegrationError as error:
+            raise IntegrationError(f"parameters[{n}]: {error}") from None
+    return y
+
+
+def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
+    y = np.empty((7, times.size))
+    switching.states(record, np.ascontiguousarray(times), numbers, y)
+    return y
+
+
+@contextmanager
+def _patience() -> Iterator[None]:
+    """Tell what takes so long the first time after an installation."""
+    if switching.run.signatures:  # compiled, or read from disk
+        yield
+        return
+    text = "armsim: compiling the exact solver, once per installation; half a minute or so"
+    timer = threading.Timer(2.0, print, (text,), {"file": sys.stderr, "flush": True})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _runge_kutta(
+    p: AxisParameters,
+    schedule: Schedule,
+    t_end: float,
+    method: Tableau,
+    step_size: float | None,
+    form: Form,
+    state: np.ndarray,
+) -> Trajectory:
     k = constants(p)
     t, y, nfev = [np.zeros(1)], [state[:, None]], 0
     ends = [*(start for start, _ in schedule[1:]), math.inf]
@@ -129,9 +321,16 @@ def simulate(
         t.append(run.t[1:])
         y.append(run.y[:, 1:])
         nfev += run.nfev
-    trajectory = Trajectory(p, schedule, np.concatenate(t), np.concatenate(y, axis=1), nfev)
-    _raise_if_beyond_bound(trajectory, f"{method.name}, step size {step_size:g}")
+    steps = Steps(p, schedule, np.concatenate(t), np.concatenate(y, axis=1), nfev)
+    trajectory = Trajectory(p, schedule, steps)
+    size = "adaptive steps" if step_size is None else f"step size {step_size:g}"
+    _raise_if_beyond_bound(trajectory, f"{method.name}, {size}")
     return trajectory
+
+
+def _set_velocity(schedule: Schedule, t: np.ndarray | float) -> np.ndarray:
+    starts, volts = np.array(schedule).T
+    return volts[np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)]
 
 
 def _raise_if_beyond_bound(run: Trajectory, method: str) -> None:
@@ -153,7 +352,22 @@ def _raise_if_beyond_bound(run: Trajectory, method: str) -> None:
         )
 
 
-def _checked_schedule(set_velocity: SetVelocity) -> tuple[tuple[float, float], ...]:
+def _checked(
+    set_velocity: SetVelocity, t_end: float, y0: Sequence[float] | np.ndarray | None
+) -> tuple[Schedule, float, np.ndarray]:
+    schedule = _checked_schedule(set_velocity)
+    t_end = _checked_number("t_end", t_end)
+    if t_end <= 0:
+        raise ValueError(f"t_end = {t_end} is not allowed; it must be positive")
+    state = np.zeros(7) if y0 is None else np.array(y0, dtype=float)
+    if state.shape != (7,):
+        raise ValueError(f"y0 has shape {state.shape}; the 7 states y0 … y6 are needed")
+    if not np.isfinite(state).all():
+        raise ValueError(f"y0 = {state}: every component must be finite")
+    return schedule, t_end, state
+
+
+def _checked_schedule(set_velocity: SetVelocity) -> Schedule:
     if isinstance(set_velocity, Real | str):
         return ((0.0, _checked_number("set_velocity", set_velocity)),)
     schedule: list[tuple[float, float]] = []

@@ -1,19 +1,24 @@
 """The arm as a piecewise-affine system, for `armsim.methods.piecewise_affine`.
 
 The equations of a mode are those of `dynamics.derivative` in a region, read off on the unit
-vectors, in coordinates (y0, x, y1, y3, v, y5, y6) in which no digits cancel: the play of the gear
-x = r_g y2 - y0, paper's eq. (13), is 1e-5 m where y0 reaches metres, and the preamplifier's output
-before its limit, v = y4 + T_z y5, paper's eq. (11), is a few volts where y4 reaches thousands.
+vectors. The coordinates are (y0, x, y1, y3, y4, y5, y6): the difference x = r_g y2 - y0 between
+pinion and rack, paper's eq. (13), is a state of its own, so that its 1e-5 m are not lost in the
+difference of two metres; and y0, on which nothing depends, is a mere integral.
 
 Where the paper's eq. (15) leaves the motion open, it is taken as follows. At y1 = 0 the arm sticks
-while |f_g| ≤ F_0 and else starts in the direction of f_g. At y1 = ±v_s it passes; where both sides
-lead away from it, a motion stays on its side, and one that starts there gains speed.
+while |f_g| ≤ F_0, and else moves in the direction of f_g. At y1 = ±v_s it passes; where both sides
+lead away from there, a motion stays on its side, and one that starts there gains speed. With F_0 or
+v_s zero there is no static friction. With H = 0 the gear's flanks are one, called +1.
 """
+
+import zlib
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from armsim.arm import dynamics
 from armsim.arm.dynamics import (
     STUCK,
     Constants,
@@ -24,24 +29,18 @@ from armsim.arm.dynamics import (
     preamplifier_output,
     region,
 )
-from armsim.methods import piecewise_affine
+from armsim.methods import modal, piecewise_affine
 
-_compiled = njit(cache=True, error_model="numpy", nogil=True)
-
-#: Guards: what switches the four parts of a `Region`.
-GUARDS = Region("preamplifier", "power", "contact", "friction")  # type: ignore[arg-type]
+_OPTIONS = {"error_model": "numpy", "nogil": True}
+_compiled = njit(**_OPTIONS)
 
 _SIZE = len(Constants._fields)
 _OFFSETS = tuple(Constants._fields.index(name) for name in ("V_L", "V_M", "H", "F_0"))
-#: `Region.friction` by the speed's range: fast and slow backwards, at rest, slow and fast forwards
+#: Four guards, as the fields of `Region`; 2⁴ matrices, since the signs of branches do not matter.
+_SIZES = (4, 16)
+#: `Region.friction` by range of speed: fast and slow backwards, at rest, slow and fast forwards
 _FRICTION = (0, -1, STUCK, 1, 0)
 _REST, _FAST = 2, 4
-
-
-@_compiled
-def _paper(z, k):
-    """State y0 … y6 with pinion and rack in the place where y0 = 0: forces are the same there."""
-    return 0.0, z[2], z[1] / k.r_g, z[3], z[4], z[5], z[6]
 
 
 @_compiled
@@ -50,32 +49,43 @@ def _named(numbers):
 
 
 @_compiled
-def _branches(mode):
-    """Return the region of a mode, and the range of speed in it."""
-    speed = mode % 5
-    return (
-        Region(mode // 45 - 1, mode // 15 % 3 - 1, mode // 5 % 3 - 1, _FRICTION[speed]),
-        speed,
-    )
-
-
-@_compiled
 def _mode(where, speed):
     return ((where.preamplifier + 1) * 9 + (where.power + 1) * 3 + where.contact + 1) * 5 + speed
 
 
 @_compiled
-def _signals(z, where, k):
-    """Values that decide on the branches: v_c, v_m before their limits, and the gear's force."""
-    y = _paper(z, k)
-    v_c = preamplifier_output(y, k, where.preamplifier)
-    return (
-        preamplifier_output(y, k, 0), motor_voltage(y, k, v_c, 0), gear_force(y, k, where.contact)
-    )  # fmt: skip
+def _region(mode):
+    return Region(mode // 45 - 1, mode // 15 % 3 - 1, mode // 5 % 3 - 1, _FRICTION[mode % 5])
+
+
+def region_of(mode: int) -> Region:
+    """Region of a mode."""
+    return _region.py_func(mode)
 
 
 @_compiled
-def _between(branch, limit):
+def _paper(z, k):
+    """State y0 … y6, pinion and rack moved to where y0 = 0: nothing depends on the position."""
+    return 0.0, z[2], z[1] / k.r_g, z[3], z[4], z[5], z[6]
+
+
+@_compiled
+def _set_slope(slope, k, out):
+    out[0], out[1] = slope[0], k.r_g * slope[2] - slope[0]
+    out[2], out[3], out[4], out[5], out[6] = slope[1], slope[3], slope[4], slope[5], slope[6]
+
+
+@_compiled
+def _signals(z, where, k):
+    """What decides on the branches: v_c and v_m before their limits, and f_g."""
+    y = _paper(z, k)
+    v_c = preamplifier_output(y, k, where.preamplifier)
+    v_m = motor_voltage(y, k, v_c, 0)
+    return preamplifier_output(y, k, 0), v_m, gear_force(y, k, where.contact)
+
+
+@_compiled
+def _range(branch, limit):
     """Range of a signal in a branch: beyond the limit on either side, or between."""
     if branch == 0:
         return -limit, limit
@@ -83,44 +93,8 @@ def _between(branch, limit):
 
 
 @_compiled
-def equations(mode, volts, numbers, out):
-    """Fill in a mode's equations and guards; see `piecewise_affine.System`."""
-    k, offsets = _named(numbers), numbers.copy()
-    for i in _OFFSETS:
-        offsets[i] = 0.0
-    linear = _named(offsets)  # leaves no offset to subtract
-    where, speed = _branches(mode)
-    z = np.zeros(7)
-    A, b, normal, lower, upper = out
-    normal[:] = 0.0
-    for j in range(1, 7):
-        z[j] = 1.0
-        _rates(derivative(_paper(z, k), 0.0, linear, where), k, A[:, j])
-        normal[0, j], normal[1, j], force = _signals(z, where, linear)
-        if speed == _REST:
-            normal[3, j] = force
-        z[j] = 0.0
-    A[:, 0] = 0.0  # nothing depends on the position
-    _rates(derivative(_paper(z, k), volts, k, where), k, b)
-    _, v_m, force = _signals(z, where, k)
-    lower[0], upper[0] = _between(where.preamplifier, k.V_L)
-    lower[1], upper[1] = _between(where.power, k.V_M)
-    lower[1] -= v_m
-    upper[1] -= v_m
-    normal[2, 1] = 1.0
-    lower[2], upper[2] = _between(where.contact, k.H) if k.H > 0.0 else (-np.inf, np.inf)
-    if speed == _REST:  # y1 = 0
-        A[2, :] = A[:, 2] = normal[3, 2] = b[2] = 0.0
-        lower[3], upper[3] = -k.F_0 - force, k.F_0 - force
-        return
-    normal[3, 2] = 1.0
-    lower[3], upper[3] = _speeds(speed, k)
-
-
-@_compiled
-def _speeds(speed, k):
-    """Range of y1."""
-    if not _rubs(k):
+def _speed_range(speed, k):
+    if k.F_0 == 0.0 or k.v_s == 0.0:
         return -np.inf, np.inf
     if speed > _REST:
         return (k.v_s, np.inf) if speed == _FAST else (0.0, k.v_s)
@@ -128,73 +102,107 @@ def _speeds(speed, k):
 
 
 @_compiled
-def _rubs(k):
-    return k.F_0 > 0.0 and k.v_s > 0.0
-
-
-@_compiled
-def _rates(slope, k, out):
-    out[0], out[2], out[3], out[5], out[6] = slope[0], slope[1], slope[3], slope[5], slope[6]
-    out[1] = k.r_g * slope[2] - slope[0]
-    out[4] = slope[4]
+def equations(mode, volts, numbers, out):
+    """Fill in a mode; see `piecewise_affine.System`."""
+    A, b, normal, lower, upper = out
+    k, offsets = _named(numbers), numbers.copy()
+    for i in _OFFSETS:
+        offsets[i] = 0.0
+    linear = _named(offsets)  # leaves no offset to subtract
+    where, speed = _region(mode), mode % 5
+    z, normal[:] = np.zeros(7), 0.0
+    for j in range(7):
+        z[j] = 1.0
+        _set_slope(derivative(_paper(z, k), 0.0, linear, where), k, A[:, j])
+        normal[0, j], normal[1, j], normal[3, j] = _signals(z, where, linear)
+        z[j] = 0.0
+    _set_slope(derivative(_paper(z, k), volts, k, where), k, b)
+    _, v_m, f_g = _signals(z, where, k)
+    normal[2, 1] = 1.0
+    lower[0], upper[0] = _range(where.preamplifier, k.V_L)
+    lower[1], upper[1] = _range(where.power, k.V_M)
+    lower[2], upper[2] = _range(where.contact, k.H) if k.H > 0.0 else (-np.inf, np.inf)
+    lower[1] -= v_m
+    upper[1] -= v_m
+    if speed == _REST:  # y1 is zero and stays so
+        A[2, :] = A[:, 2] = normal[3, 2] = b[2] = 0.0
+        lower[3], upper[3] = -k.F_0 - f_g, k.F_0 - f_g
+    else:
+        normal[3, :] = 0.0
+        normal[3, 2] = 1.0
+        lower[3], upper[3] = _speed_range(speed, k)
 
 
 @_compiled
 def successor(mode, guard, side, z, numbers):
-    """Return the mode after a guard has left on a side; see `piecewise_affine.System`."""
+    """Return the mode after a guard has left; see `piecewise_affine.System`."""
     if guard < 3:
         return mode + side * (45, 15, 5)[guard]
-    where, speed = _branches(mode)
+    speed = mode % 5
     if speed == _REST or speed + side == _REST:
         z[2] = 0.0
     if speed + side == _REST:
         k = _named(numbers)
-        force = gear_force(_paper(z, k), k, where.contact)
-        if side * force > k.F_0:  # too strong to be held: the arm turns round without rest
-            return mode + 2 * side
+        if side * gear_force(_paper(z, k), k, _region(mode).contact) > k.F_0:
+            return mode + 2 * side  # too strong to be held: the arm turns round without rest
     return mode + side
 
 
 @_compiled
 def start(y, numbers):
-    """Return state and mode at a start `y` (7,), given in the paper's order y0 … y6."""
+    """State and mode at a start `y` (7,), the paper's y0 … y6."""
     k = _named(numbers)
-    z = np.array(
-        [y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]]
-    )
+    z = np.array([y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]])
     where = region(_paper(z, k), k)
-    if k.H == 0.0:  # the two flanks are one
+    if k.H == 0.0:
         where = Region(where.preamplifier, where.power, 1, where.friction)
-    if not _rubs(k):
+    if k.F_0 == 0.0 or k.v_s == 0.0:
         return z, _mode(where, _FAST)
-    if abs(z[2]) >= k.v_s:
-        speed = _FAST if z[2] > 0.0 else 0
-    elif where.friction != 0:
-        speed = _REST + where.friction
-    else:
-        force = gear_force(_paper(z, k), k, where.contact)
-        speed = _REST + (1 if force > k.F_0 else -1 if force < -k.F_0 else 0)
-    return z, _mode(where, speed)
+    if where.friction != 0:
+        return z, _mode(where, _REST + where.friction)
+    if z[2] != 0.0:
+        return z, _mode(where, _FAST if z[2] > 0.0 else 0)
+    f_g = gear_force(_paper(z, k), k, where.contact)
+    return z, _mode(where, _REST + (1 if f_g > k.F_0 else -1 if f_g < -k.F_0 else 0))
 
 
-@_compiled
-def run(numbers, starts, volts, t_end, y0, limits):
+# --- what is called from Python -----------------------------------------------------------------
+
+_FILES = (__file__, dynamics.__file__, modal.__file__, piecewise_affine.__file__)
+# Numba looks at the file of a function only, to see whether the machine code that it keeps on disk
+# is up to date. Defaults are part of its key, so this one stands for all that is compiled in.
+_SOURCES = zlib.crc32(b"".join(Path(file).read_bytes() for file in _FILES))
+_kept = njit(cache=True, **_OPTIONS)
+
+
+@_kept
+def run(numbers, starts, volts, t_end, y0, limits, sources=_SOURCES):
     """Run an axis from `y0` (7,) with `volts` (j,) from the times `starts` (j,) on.
 
-    `numbers` are the values of `dynamics.Constants`. Returns a `piecewise_affine.Record`.
+    `numbers` (22,) are `dynamics.constants`, `limits` the largest numbers of events and pieces.
+    Returns a `piecewise_affine.Record`.
     """
     z, mode = start(y0, numbers)
     return piecewise_affine.solve(
-        equations, successor, numbers, starts, volts, t_end, z, mode, (4, 16), limits
+        equations, successor, numbers, starts, volts, t_end, z, mode, _SIZES, limits
     )
 
 
-@_compiled
-def states(record, times, numbers):
-    """States (7, n) of a run in the paper's order y0 … y6 at `times` (n,)."""
-    k, y = _named(numbers), np.empty((7, times.size))
+@_kept
+def states(record, times, numbers, y, sources=_SOURCES):
+    """Set `y` (7, n) to the states y0 … y6 of a run at `times` (n,)."""
     piecewise_affine.sample(record, times, y)
+    r_g = _named(numbers).r_g
     for j in range(times.size):
         x, y[1, j] = y[1, j], y[2, j]
-        y[2, j] = (x + y[0, j]) / k.r_g
-    return y
+        y[2, j] = (x + y[0, j]) / r_g
+
+
+@_kept
+def run_many(numbers, starts, volts, t_end, y0, limits, times, y, status, sources=_SOURCES):
+    """Do `run` and `states` for `numbers` (r, 22); set `y` (r, 7, n) and `status` (r,)."""
+    for n in range(numbers.shape[0]):
+        record = run(numbers[n], starts, volts, t_end, y0, limits)
+        status[n] = record.status
+        if record.status == piecewise_affine.FINISHED:
+            states(record, times, numbers[n], y[n])

@@ -1,10 +1,10 @@
 """Exact solution of piecewise-affine systems, mode by mode.
 
 In each mode the system is linear, ż = A z + b, and its guards, linear functions of the state, stay
-within their limits. So a run is a chain of pieces, each a sum of exponentials, glued where a guard
-reaches a limit. Nothing is discretised: all that is searched for is the times of the events, by
-steps that are proven not to pass any. The page "The exact solution" of the book derives every
-formula, in the order of the functions below.
+within their limits. So a run is a chain of pieces, each in closed form (`armsim.methods.modal`),
+glued where a guard reaches a limit. Nothing is discretised: all that is searched for is the times
+of the events, by steps that are proven not to pass any. The page "How the exact solver works" of
+the book derives every formula, in the order of the functions here.
 """
 
 import math
@@ -16,23 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from armsim.methods import modal
+from armsim.methods.modal import TERMS, UNKNOWN, Matrices, compiled
 from armsim.methods.runge_kutta import IntegrationError
-
-_OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
-_compiled = njit(**_OPTIONS)
 
 #: A sum is known to this many times the sum of its terms' sizes.
 ROUNDING = 16 * float(np.finfo(float).eps)
-#: Largest entry of the inverse of the eigenvectors with which the modal form is used.
-WELL_CONDITIONED = 1e5
-#: Terms of the Taylor series; while ‖A‖u ≤ 1 the next one is below rounding.
-TERMS = 19
 #: Pieces by Taylor series with a matrix before its eigenvectors are worth their cost.
 SERIES_FIRST = 1
 #: Events at one time after which the modes are taken to chase each other for ever.
 AT_ONCE = 25
 
-UNKNOWN, DEFECTIVE = -2, -1
 FINISHED, MODES_CHASE, TOO_MANY_EVENTS, TOO_MANY_PIECES, NOT_FINITE = range(5)
 
 
@@ -46,254 +40,16 @@ class Mode(NamedTuple):
     upper: np.ndarray  #: (g,) and below this, which may be inf
 
 
-class Matrices(NamedTuple):
-    """The different matrices that a run has met, and their modal forms where it needed them."""
-
-    A: np.ndarray  #: (k, n, n)
-    unit: np.ndarray  #: (k, n) units of the states that balance it; 0 where no derivative feels one
-    reach: np.ndarray  #: (k,) 1/‖A‖ in these units: longest piece for the Taylor series
-    pieces: np.ndarray  #: (k,) number made by Taylor series
-    modes: np.ndarray  #: (k,) number of modes kept; or `UNKNOWN`, `DEFECTIVE`
-    rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair only the one with positive part
-    column: np.ndarray  #: (k, n, n) complex: amplitudes to states, doubled for a pair
-    row: np.ndarray  #: (k, n, n) complex: states to amplitudes
-
-
 class Record(NamedTuple):
-    """What a compiled run leaves: its pieces and its events."""
+    """What a compiled run leaves: its p pieces and its e events."""
 
     status: int  #: `FINISHED` or why not
     start: np.ndarray  #: (p, 1 + 2n) of each piece: time, state, slope
-    label: np.ndarray  #: (p, 3) of each piece: mode, place of its matrix, 1 if modal and 0 if series
+    label: np.ndarray  #: (p, 3) of each piece: mode, place of its matrix, 1 for modal or 0 for series
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     matrices: Matrices
     end: float  #: time that was reached
-
-
-# --- a matrix: units, eigenvectors ------------------------------------------------------------
-
-
-@_compiled
-def _balance(A, unit):
-    """Find units of the states, powers of two, that make rows and columns of `A` alike in size.
-
-    A state that no derivative depends on is a mere integral of the others and gets the unit 0.
-    Returns the norm of the matrix of the others in these units.
-    """
-    n = unit.size
-    for j in range(n):
-        unit[j] = 0.0
-        for i in range(n):
-            if A[i, j] != 0.0:
-                unit[j] = 1.0
-    for _ in range(20):
-        changed = False
-        for i in range(n):
-            row = column = 0.0
-            for j in range(n):
-                if j != i and unit[i] * unit[j] > 0.0:
-                    row += abs(A[i, j]) * unit[j]
-                    column += abs(A[j, i]) / unit[j]
-            if row > 0.0 and column > 0.0:
-                better = 2.0 ** round(0.5 * math.log2(row / column))
-                changed = changed or better != unit[i]
-                unit[i] = better
-        if not changed:
-            break
-    norm = 0.0
-    for j in range(n):
-        total = 0.0
-        for i in range(n):
-            if unit[i] > 0.0:
-                total += abs(A[i, j]) * unit[j] / unit[i]
-        norm = max(norm, total)
-    return norm
-
-
-@_compiled
-def _find(A, m, count):
-    """Place of `A` among the first `count` matrices, to which it is added if it is new."""
-    n = A.shape[0]
-    for place in range(count):
-        same = True
-        for i in range(n):
-            for j in range(n):
-                same = same and m.A[place, i, j] == A[i, j]
-        if same:
-            return place
-    for i in range(n):
-        for j in range(n):
-            m.A[count, i, j] = A[i, j]
-    m.reach[count] = 1.0 / _balance(A, m.unit[count])
-    m.pieces[count], m.modes[count] = 0, UNKNOWN
-    return count
-
-
-@_compiled
-def _invert(V, W):
-    """Set `W` to the inverse of `V`, which is destroyed; return its largest entry."""
-    n = V.shape[0]
-    for i in range(n):
-        for j in range(n):
-            W[i, j] = 1.0 if i == j else 0.0
-    for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if abs(V[i, k]) > abs(V[pivot, k]):
-                pivot = i
-        if V[pivot, k] == 0.0:
-            return math.inf
-        for j in range(n):
-            V[k, j], V[pivot, j] = V[pivot, j], V[k, j]
-            W[k, j], W[pivot, j] = W[pivot, j], W[k, j]
-        factor = 1.0 / V[k, k]
-        for j in range(n):
-            V[k, j] *= factor
-            W[k, j] *= factor
-        for i in range(n):
-            factor = V[i, k]
-            if i != k and factor != 0.0:
-                for j in range(n):
-                    V[i, j] -= factor * V[k, j]
-                    W[i, j] -= factor * W[k, j]
-    largest = 0.0
-    for i in range(n):
-        for j in range(n):
-            largest = max(largest, abs(W[i, j]))
-    return largest
-
-
-@_compiled
-def _product(A, B):
-    """Product of two small matrices, which starts no library."""
-    n = A.shape[0]
-    product = np.zeros((n, n), np.complex128)
-    for i in range(n):
-        for k in range(n):
-            for j in range(n):
-                product[i, j] += A[i, k] * B[k, j]
-    return product
-
-
-@_compiled
-def _decompose(m, place):
-    """Find the modal form of a matrix, or mark it as near-defective."""
-    A, unit, n = m.A[place], m.unit[place], m.unit.shape[1]
-    core = [i for i in range(n) if unit[i] > 0.0]
-    size = len(core)
-    C = np.empty((size, size), np.complex128)
-    W = np.empty((size, size), np.complex128)
-    for i in range(size):
-        for j in range(size):
-            C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
-    rate, V = np.linalg.eig(C)
-    m.modes[place] = DEFECTIVE
-    if not _invert(V.copy(), W) < WELL_CONDITIONED:
-        return
-    # One Newton step: eigenvalues come with an error of the largest one's rounding. W C V shows
-    # what each still lacks, and how much of the other eigenvectors each has.
-    D = _product(W, _product(C, V))
-    X = np.zeros_like(D)
-    for i in range(size):
-        rate[i] = D[i, i]
-    for i in range(size):
-        for j in range(size):
-            if i != j:
-                X[i, j] = D[i, j] / (rate[j] - rate[i])
-    V += _product(V, X)
-    W -= _product(X, W)
-    kept, total, real = 0, 0, 1e-10 / m.reach[place]
-    for _ in range(size):
-        k = 0
-        for other in range(1, size):
-            if abs(rate[other]) < abs(rate[k]):
-                k = other
-        value, rate[k] = rate[k], math.inf
-        if value.imag < -real:
-            continue
-        weight = 2 if value.imag > real else 1
-        m.rate[place, kept] = value if weight == 2 else complex(value.real)
-        for i in range(n):
-            m.row[place, kept, i] = m.column[place, i, kept] = 0.0
-        for i in range(size):
-            m.row[place, kept, core[i]] = W[k, i] / unit[core[i]]
-            m.column[place, core[i], kept] = weight * V[i, k] * unit[core[i]]
-        for i in range(n):
-            if unit[i] == 0.0:  # an integral of the others
-                for j in core:
-                    m.column[place, i, kept] += A[i, j] * m.column[place, j, kept]
-        kept, total = kept + 1, total + weight
-    if total == size:
-        m.modes[place] = kept
-
-
-# --- a piece: its formula ---------------------------------------------------------------------
-
-
-@_compiled
-def _integrals(rate, t):
-    """Return exp(λt) and its first and second integral over (0, t), accurate also as λt → 0."""
-    x = rate * t
-    if abs(x.real) + abs(x.imag) < 0.5:
-        series = 1.0 + x * (1 / 16)
-        for n in range(15, 2, -1):
-            series = 1.0 + x * (1.0 / n) * series
-        second = 0.5 * t * t * series
-        first = t + rate * second
-        return 1.0 + rate * first, first, second
-    size, inverse = math.exp(x.real), 1.0 / rate
-    power = complex(size * math.cos(x.imag), size * math.sin(x.imag))
-    first = (power - 1.0) * inverse
-    return power, first, (first - t) * inverse
-
-
-@_compiled
-def _set_amplitudes(m, place, slope, amplitude):
-    """Amplitude of each mode in the slope at the start of a piece."""
-    for k in range(m.modes[place]):
-        total = 0j
-        for i in range(slope.size):
-            total += m.row[place, k, i] * slope[i]
-        amplitude[k] = total
-
-
-@_compiled
-def _set_taylor(A, slope, taylor):
-    """Coefficients of u, u², … in the state at a time u after the start of a piece."""
-    n = slope.size
-    for i in range(n):
-        taylor[0, i] = slope[i]
-    for j in range(1, TERMS):
-        factor = 1.0 / (j + 1)
-        for i in range(n):
-            total = 0.0
-            for k in range(n):
-                total += A[i, k] * taylor[j - 1, k]
-            taylor[j, i] = factor * total
-
-
-@_compiled
-def _advance(m, place, modal, state, slope, amplitude, taylor, u, out):
-    """State `out` at a time `u` after the start of a piece."""
-    n = out.size
-    if not modal:
-        for i in range(n):
-            total = 0.0
-            for j in range(TERMS - 1, -1, -1):
-                total = (total + taylor[j, i]) * u
-            out[i] = state[i] + total
-        return
-    for i in range(n):
-        out[i] = state[i]
-        if m.unit[place, i] == 0.0:
-            out[i] += slope[i] * u
-    for k in range(m.modes[place]):
-        _, first, second = _integrals(m.rate[place, k], u)
-        first, second = amplitude[k] * first, amplitude[k] * second
-        for i in range(n):
-            grown = first if m.unit[place, i] > 0.0 else second
-            out[i] += (m.column[place, i, k] * grown).real
 
 
 # --- a guard: when it reaches a limit ---------------------------------------------------------
@@ -316,7 +72,7 @@ class Work(NamedTuple):
     proof: np.ndarray  #: (5, n + 1) see `_gain_modal`
 
 
-@_compiled
+@compiled
 def _times(A, v):
     product = np.zeros(v.size)
     for i in range(v.size):
@@ -325,7 +81,7 @@ def _times(A, v):
     return product
 
 
-@_compiled
+@compiled
 def _stand(here, z, w):
     """Note how each guard stands at the start of a piece; return what leaves, and past which side.
 
@@ -362,33 +118,34 @@ def _stand(here, z, w):
     return -1, 0
 
 
-@_compiled
-def _resolve(normal, m, place, modal, w):
+@compiled
+def _resolve(normal, m, place, by_modes, w):
     """Set the formula of a guard's value in the piece; return its steady drift."""
-    n, drift = normal.size, 0.0
-    if not modal:
-        for j in range(TERMS):
-            w.change[j] = 0.0
-            for i in range(n):
-                w.change[j] += normal[i] * w.taylor[j, i]
-        return drift
-    for k in range(m.modes[place]):
+    drift, modes = 0.0, m.modes[place] if by_modes else 0
+    for k in range(modes):
         w.c[k] = w.d[k] = 0.0
-    for i in range(n):
-        if normal[i] != 0.0:
-            integral = m.unit[place, i] == 0.0
-            drift += normal[i] * w.slope[i] if integral else 0.0
-            for k in range(m.modes[place]):
-                term = normal[i] * m.column[place, i, k] * w.amplitude[k]
-                if integral:
-                    w.d[k] += term
-                else:
-                    w.c[k] += term
+    if not by_modes:
+        w.change[:] = 0.0
+    for i in range(normal.size):
+        if normal[i] == 0.0:
+            continue
+        integral = m.unit[place, i] == 0.0
+        if not by_modes:
+            for j in range(TERMS):
+                w.change[j] += normal[i] * w.taylor[j, i]
+        elif integral:
+            drift += normal[i] * w.slope[i]
+        for k in range(modes):
+            term = normal[i] * m.column[place, i, k] * w.amplitude[k]
+            if integral:
+                w.d[k] += term
+            else:
+                w.c[k] += term
     return drift
 
 
-@_compiled
-def _gain_modal(rate, modes, drift, s, rest, w):
+@compiled
+def _gain_modal(rate, inverse, modes, drift, s, rest, w):
     """Return gain and slope of a guard at `s`, the sizes of its terms, and how far `proof` reaches.
 
     The gain is drift s + Σ Re(c E₁(λ, s) + d E₂(λ, s)). For the proof, `w.proof` keeps: slope and
@@ -400,29 +157,33 @@ def _gain_modal(rate, modes, drift, s, rest, w):
     gain, sizes, reach = drift * s, abs(drift * s), rest
     slope[0], bend[0] = drift, 0.0
     for k in range(modes):
-        power, first, second = _integrals(rate[k], s)
+        up[k], down[k], steady[k] = math.inf, math.inf, 0.0
+        if w.c[k] == 0.0 and w.d[k] == 0.0:
+            up[k] = down[k] = 0.0
+            slope[k + 1], bend[k + 1] = slope[k], bend[k]
+            continue
+        power, first, second = modal.integrals(rate[k], inverse[k], s)
         one, two = w.c[k] * first, w.d[k] * second
         gain += one.real + two.real
         sizes += abs(one.real) + abs(one.imag) + abs(two.real) + abs(two.imag)
         slope[k + 1] = slope[k] + (w.c[k] * power + w.d[k] * first).real
         curvature = (w.c[k] * rate[k] + w.d[k]) * power
         size = math.sqrt(curvature.real**2 + curvature.imag**2)
-        up[k], down[k], steady[k] = math.inf, math.inf, 0.0
         if rate[k].real > 0.0:
             reach = min(reach, 1.0 / rate[k].real)
             size *= math.exp(min(1.0, rate[k].real * rest))
         elif rate[k] != 0.0:
-            inverse = 1.0 / rate[k]
-            centre = (curvature * inverse * inverse).real
-            radius = size * (inverse.real**2 + inverse.imag**2)
+            square = inverse[k] * inverse[k]
+            centre = (curvature * square).real
+            radius = size * (inverse[k].real ** 2 + inverse[k].imag ** 2)
             if rate[k].imag == 0.0:  # it goes straight to its rest, not around it
                 centre, radius = 0.5 * centre, 0.5 * radius
-            up[k], down[k], steady[k] = radius - centre, radius + centre, -(w.d[k] * inverse).real
+            up[k], down[k], steady[k] = radius - centre, radius + centre, -(w.d[k] * inverse[k]).real
         bend[k + 1] = bend[k] + size
     return gain, slope[modes], sizes, reach
 
 
-@_compiled
+@compiled
 def _gain_series(s, end, w):
     """As `_gain_modal`; all is in one bound of the second derivative, as of no mode at all."""
     gain = slope = sizes = bend = 0.0
@@ -436,7 +197,7 @@ def _gain_series(s, end, w):
     return gain, slope, sizes, end - s
 
 
-@_compiled
+@compiled
 def _longest(room, slope, bend):
     """Return the largest u for which slope u + bend u²/2 ≤ room."""
     if room == math.inf:
@@ -449,8 +210,8 @@ def _longest(room, slope, bend):
     return (root - slope) / bend if bend > 0.0 else math.inf
 
 
-@_compiled
-def _safe_step(above, below, modes, proof):
+@compiled
+def _safe_step(above, below, modes, rest, proof):
     """Longest time for which a guard provably keeps within the room above and below it.
 
     Each mode is either followed, by its slope and the bound of its second derivative, or boxed, by
@@ -458,26 +219,30 @@ def _safe_step(above, below, modes, proof):
     proofs; the best counts.
     """
     slope, bend, up, down, steady = proof
-    boxed = 0.0
-    step = min(_longest(above, slope[modes], bend[modes]),
-               _longest(below, -slope[modes], bend[modes]))
-    for k in range(modes - 1, -1, -1):
-        above, below, boxed = above - up[k], below - down[k], boxed + steady[k]
-        if not (above > 0.0 and below > 0.0):
-            break
+    step, boxed = 0.0, 0.0
+    for k in range(modes, -1, -1):
+        if k < modes:
+            above, below, boxed = above - up[k], below - down[k], boxed + steady[k]
+            if not (above > 0.0 and below > 0.0):
+                break
         tilt = slope[k] + boxed
-        step = max(step, min(_longest(above, tilt, bend[k]), _longest(below, -tilt, bend[k])))
-    return step
+        longest = min(_longest(above, tilt, bend[k]), _longest(below, -tilt, bend[k]))
+        step = max(step, longest)
+        if step >= rest:
+            break
+    return min(step, rest)
 
 
-@_compiled
-def _arrival(m, place, modal, drift, value, lower, upper, noise, s, end, w):
+@compiled
+def _arrival(m, place, by_modes, drift, value, lower, upper, noise, s, end, w):
     """First time from `s` to `end` at which a guard reaches a limit, and its side; 0 for none."""
-    modes = m.modes[place] if modal else 0
+    modes = m.modes[place] if by_modes else 0
     step = 0.0
     while s < end:
-        if modal:
-            gain, slope, sizes, reach = _gain_modal(m.rate[place], modes, drift, s, end - s, w)
+        if by_modes:
+            gain, slope, sizes, reach = _gain_modal(
+                m.rate[place], m.inverse[place], modes, drift, s, end - s, w
+            )
         else:
             gain, slope, sizes, reach = _gain_series(s, end, w)
         g, error = value + gain, noise + ROUNDING * (sizes + abs(slope) * s)
@@ -487,20 +252,20 @@ def _arrival(m, place, modal, drift, value, lower, upper, noise, s, end, w):
             if 0.0 < room < side * slope * step:  # one last step, by Newton
                 s += room / abs(slope)
             return min(s, end), side
-        step = min(_safe_step(upper - g + error, g - lower + error, modes, w.proof), reach)
+        step = _safe_step(upper - g + error, g - lower + error, modes, reach, w.proof)
         s += step
     return end, 0
 
 
-@_compiled
-def _clearance(m, place, modal, order, derivative, width, end, w):
+@compiled
+def _clearance(m, place, by_modes, order, derivative, width, end, w):
     """Time by which a guard that turns inwards is clear of its limit, and not yet at the other.
 
     In g ≥ |D| uᵒ/o! - bound uᵒ⁺¹/(o+1)! the first derivative D that is not zero, of order o, keeps
     the upper hand for a while.
     """
     bound, u = 0.0, end
-    if modal:
+    if by_modes:
         for k in range(m.modes[place]):
             rate = m.rate[place, k]
             size = abs(w.c[k] * rate + w.d[k]) * abs(rate) ** (order - 1)
@@ -528,26 +293,32 @@ def _clearance(m, place, modal, order, derivative, width, end, w):
 # --- a run ------------------------------------------------------------------------------------
 
 
-@_compiled
-def _first_arrival(here, m, place, modal, end, w):
+@compiled
+def _first_arrival(here, m, place, by_modes, end, w):
     """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side."""
     first, side = -1, 0
     for g in range(here.lower.size):
         lower, upper, begin = here.lower[g], here.upper[g], 0.0
-        drift = _resolve(here.normal[g], m, place, modal, w)
+        drift = _resolve(here.normal[g], m, place, by_modes, w)
+        if not by_modes:
+            farthest = 0.0
+            for j in range(TERMS - 1, -1, -1):
+                farthest = (farthest + abs(w.change[j])) * end
+            if lower + farthest < w.value[g] < upper - farthest:
+                continue
         if w.order[g] > 0:
             begin = _clearance(
-                m, place, modal, w.order[g], w.derivative[g], upper - lower, end, w
+                m, place, by_modes, w.order[g], w.derivative[g], upper - lower, end, w
             )
         s, hit = _arrival(
-            m, place, modal, drift, w.value[g], lower, upper, w.noise[g], begin, end, w
+            m, place, by_modes, drift, w.value[g], lower, upper, w.noise[g], begin, end, w
         )
         if hit != 0:
             end, first, side = s, g, hit
     return end, first, side
 
 
-@_compiled
+@compiled
 def _put_at_limit(normal, limit, z):
     """Remove the rounding error of a guard that has just reached its limit.
 
@@ -562,7 +333,7 @@ def _put_at_limit(normal, limit, z):
             z[i] -= excess * normal[i] * z[i] ** 2 / total
 
 
-@_compiled
+@compiled
 def _run_piece(here, m, place, h, z, w):
     """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
 
@@ -573,45 +344,43 @@ def _run_piece(here, m, place, h, z, w):
     if guard >= 0:
         return 0.0, guard, side
     if m.modes[place] == UNKNOWN and m.pieces[place] >= SERIES_FIRST:
-        _decompose(m, place)
-    modal = m.modes[place] >= 0
-    if modal:
-        _set_amplitudes(m, place, w.slope, w.amplitude)
+        modal.decompose(m, place)
+    by_modes = m.modes[place] >= 0
+    if by_modes:
+        modal.set_amplitudes(m, place, w.slope, w.amplitude)
     else:
         m.pieces[place] += 1
-        _set_taylor(here.A, w.slope, w.taylor)
+        modal.set_taylor(here.A, w.slope, w.taylor)
         h = min(h, m.reach[place])
-    h, guard, side = _first_arrival(here, m, place, modal, h, w)
+    h, guard, side = _first_arrival(here, m, place, by_modes, h, w)
     for i in range(n):
         w.state[i] = z[i]
-    _advance(m, place, modal, w.state, w.slope, w.amplitude, w.taylor, h, z)
+    modal.advance(m, place, by_modes, w.state, w.slope, w.amplitude, w.taylor, h, z)
     if guard >= 0:
         _put_at_limit(here.normal[guard], here.upper[guard] if side > 0 else here.lower[guard], z)
     return h, guard, side
 
 
-@_compiled
-def _room(n, guards, matrices):
-    """Arrays to work in."""
-    k, number = matrices, np.complex128
-    return (
-        Mode(
-            np.empty((n, n)), np.empty(n), np.empty((guards, n)), np.empty(guards), np.empty(guards)
-        ),
-        Matrices(
-            np.empty((k, n, n)), np.empty((k, n)), np.empty(k), np.empty(k, np.int64),
-            np.empty(k, np.int64), np.empty((k, n), number), np.empty((k, n, n), number),
-            np.empty((k, n, n), number),
-        ),
-        Work(
-            np.empty(n), np.empty(n), np.empty(n, number), np.empty((TERMS, n)), np.empty(guards),
-            np.empty(guards), np.empty(guards, np.int64), np.empty(guards), np.empty(n, number),
-            np.empty(n, number), np.empty(TERMS), np.empty((5, n + 1)),
-        ),
-    )  # fmt: skip
+@compiled
+def _work_room(n, guards):
+    number = np.complex128
+    return Work(
+        np.empty(n),
+        np.empty(n),
+        np.empty(n, number),
+        np.empty((TERMS, n)),
+        np.empty(guards),
+        np.empty(guards),
+        np.empty(guards, np.int64),
+        np.empty(guards),
+        np.empty(n, number),
+        np.empty(n, number),
+        np.empty(TERMS),
+        np.empty((5, n + 1)),
+    )
 
 
-@_compiled
+@compiled
 def _longer(rows):
     longer = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
     for i in range(rows.shape[0]):
@@ -620,22 +389,34 @@ def _longer(rows):
     return longer
 
 
-@njit(forceinline=True, **_OPTIONS)
-def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, limits):
-    """Run a piecewise-affine system: the compiled heart of `System`, to be called by compiled code.
+@compiled
+def _set_slope(here, z, slope):
+    """Set `slope` to A z + b; return whether it is finite."""
+    finite = True
+    for i in range(z.size):
+        slope[i] = here.b[i]
+        for j in range(z.size):
+            slope[i] += here.A[i, j] * z[j]
+        finite = finite and math.isfinite(slope[i])
+    return finite
 
-    It is inlined into its caller, which numba then can keep on disk.
+
+# Inlined into its caller: so its caller's machine code holds no address of `equations` and
+# `successor`, and numba can keep it on disk.
+@njit(fastmath={"contract"}, error_model="numpy", nogil=True, forceinline=True)
+def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, limits):
+    """Run a piecewise-affine system: what `System.solve` calls, for use in other compiled code.
 
     Parameters
     ----------
     equations, successor, constants
-        As for `System`.
+        As in `System`.
     starts, inputs : (j,) and (j, …) arrays
-        Times from which the inputs hold, the first the start of the run, and the inputs.
+        Times from which the inputs hold, the first being the start of the run; and the inputs.
     end : float
         End of the run.
     z : (n,) array
-        State at the start; at the return, at the end.
+        State at the start, and when it returns, at the end.
     mode : int
         Mode at the start.
     sizes : (int, int)
@@ -648,7 +429,14 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
     Record
     """
     n = z.size
-    here, m, w = _room(n, sizes[0], sizes[1])
+    here = Mode(
+        np.empty((n, n)),
+        np.empty(n),
+        np.empty((sizes[0], n)),
+        np.empty(sizes[0]),
+        np.empty(sizes[0]),
+    )
+    m, w = modal.room_for(sizes[1], n), _work_room(n, sizes[0])
     start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 3), np.int64)
     event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
     pieces = events = at_once = known = interval = place = 0
@@ -660,7 +448,7 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
             continue
         if new:
             equations(mode, inputs[interval], constants, here)
-            place = _find(here.A, m, known)
+            place = modal.find(here.A, m, known)
             known, new = max(known, place + 1), False
         if not _set_slope(here, z, w.slope):
             status = NOT_FINITE
@@ -681,9 +469,6 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
             t = until if guard < 0 and h == until - t else t + h
             continue
         at_once += 1
-        if at_once > AT_ONCE or events == limits[0]:
-            status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
-            break
         if events == event.shape[0]:
             event_time, event = _longer(event_time), _longer(event)
         event_time[events, 0] = t
@@ -691,38 +476,249 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
         mode, new = successor(mode, guard, side, z, constants), True
         event[events, 3] = mode
         events += 1
+        if at_once > AT_ONCE or events > limits[0]:
+            status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
+            break
     return Record(
         status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t
     )
 
 
-@_compiled
-def _set_slope(here, z, slope):
-    """Set `slope` to A z + b; return whether it is finite."""
-    finite = True
-    for i in range(z.size):
-        slope[i] = here.b[i]
-        for j in range(z.size):
-            slope[i] += here.A[i, j] * z[j]
-        finite = finite and math.isfinite(slope[i])
-    return finite
-
-
-@_compiled
+@compiled
 def sample(record, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
-    n = out.shape[0]
-    _, m, w = _room(n, 0, 0)
-    m, z, last = record.matrices, np.empty(n), -1
+    n, last, m = out.shape[0], -1, record.matrices
+    w = _work_room(n, 0)
     for j in range(times.size):
-        p = max(np.searchsorted(record.start[:, 0], times[j], side="right") - 1, 0)
-        state, slope = record.start[p, 1 : n + 1], record.start[p, n + 1 :]
-        place, modal = record.label[p, 1], record.label[p, 2] == 1
-        if p != last and modal:
-            _set_amplitudes(m, place, slope, w.amplitude)
-        elif p != last:
-            _set_taylor(m.A[place], slope, w.taylor)
-        last = p
-        _advance(m, place, modal, state, slope, w.amplitude, w.taylor, times[j] - record.start[p, 0], z)
+        piece = _piece_at(record, times[j])
+        place, by_modes = record.label[piece, 1], record.label[piece, 2] == 1
+        state, slope = record.start[piece, 1 : n + 1], record.start[piece, n + 1 :]
+        if piece != last and by_modes:
+            modal.set_amplitudes(m, place, slope, w.amplitude)
+        elif piece != last:
+            modal.set_taylor(m.A[place], slope, w.taylor)
+        last, u = piece, times[j] - record.start[piece, 0]
+        modal.advance(m, place, by_modes, state, slope, w.amplitude, w.taylor, u, w.state)
         for i in range(n):
-            out[i, j] = z[i]
+            out[i, j] = w.state[i]
+
+
+@compiled
+def _piece_at(record, t):
+    """Index of the piece that holds a time; where two meet, the later."""
+    low, high = 0, record.start.shape[0]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if record.start[middle, 0] <= t:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def modes_at(record, times, out):
+    """Set `out` (k,) to the modes of a run at `times` (k,)."""
+    for j in range(times.size):
+        out[j] = record.label[_piece_at(record, times[j]), 0]
+
+
+# --- for users --------------------------------------------------------------------------------
+
+
+class Event(NamedTuple):
+    """A time at which the mode changes."""
+
+    time: float
+    before: Any  #: mode
+    after: Any  #: mode
+    causes: tuple[tuple[Any, int], ...]  #: guards that left, with the side: -1 below, +1 above
+
+
+def _itself(value: Any) -> Any:
+    return value
+
+
+@dataclass(frozen=True)
+class ExactSolution:
+    """Exact solution: call it with times for the states, and read off its events."""
+
+    record: Record
+    end: float
+    states: Callable[[Record, np.ndarray], np.ndarray]  #: from a record and times (k,): (n, k)
+    mode_name: Callable[[int], Any] = _itself
+    guard_name: Callable[[int], Any] = _itself
+    grid: tuple[float, ...] = ()  #: times that `t` has besides the events
+    nfev: int = 0  #: no right-hand side is evaluated
+
+    def __call__(self, t: float | np.ndarray) -> np.ndarray:
+        """State (n,) at a time, or (n, k) at k times; where it jumps, that after the event.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the run.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        outside = ~((times >= self.start) & (times <= self.end))
+        if outside.any():
+            raise ValueError(
+                f"t = {times[outside][0]} is outside the run; allowed is {self.start} to {self.end}"
+            )
+        states = self.states(self.record, times)
+        return states[:, 0] if np.ndim(t) == 0 else states
+
+    @property
+    def start(self) -> float:
+        """Start of the run."""
+        return float(self.record.start[0, 0])
+
+    def modes(self, t: np.ndarray) -> list:
+        """Modes at the times `t` (k,); at an event, the mode after it."""
+        out = np.empty(len(t), np.int64)
+        modes_at(self.record, np.asarray(t, dtype=float), out)
+        return [self.mode_name(mode) for mode in out.tolist()]
+
+    @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """Switching events in the order of time; what happens at one time is one event."""
+        found: list[Event] = []
+        rows = zip(self.record.event_time[:, 0].tolist(), self.record.event.tolist(), strict=True)
+        for time, (guard, side, before, after) in rows:
+            cause = (self.guard_name(guard), side)
+            if found and found[-1].time == time:
+                last = found.pop()
+                found.append(Event(time, last.before, self.mode_name(after), (*last.causes, cause)))
+            else:
+                found.append(Event(time, self.mode_name(before), self.mode_name(after), (cause,)))
+        return tuple(found)
+
+    @cached_property
+    def t(self) -> np.ndarray:
+        """Times for a drawing: a thousand equal intervals, the events and the switches of input."""
+        even = np.linspace(self.start, self.end, 1001)
+        return np.unique(np.concatenate((even, self.record.event_time[:, 0], self.grid)))
+
+    @cached_property
+    def y(self) -> np.ndarray:
+        """States (n, k) at the times `t`."""
+        return self(self.t)
+
+
+def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_itself) -> None:
+    """Raise an `IntegrationError` that says where and why, if a run did not reach its end."""
+    if record.status == FINISHED:
+        return
+    last = ", ".join(
+        f"guard {guard_name(guard)} {'above' if side > 0 else 'below'}: "
+        f"{mode_name(before)} to {mode_name(after)}"
+        for guard, side, before, after in record.event[-3:].tolist()
+    )
+    reason = {
+        MODES_CHASE: f"more than {AT_ONCE} events at one time; a mode for sliding may be missing",
+        TOO_MANY_EVENTS: f"more than {len(record.event) - 1} events, as when they accumulate",
+        TOO_MANY_PIECES: f"more than {len(record.start)} pieces",
+        NOT_FINITE: "the solution is not finite",
+    }[record.status]
+    raise IntegrationError(
+        f"exact solution stopped at t = {record.end:.12g}: {reason}" + (f" ({last})" if last else "")
+    )
+
+
+@dataclass(frozen=True)
+class System:
+    """A piecewise-affine system.
+
+    Parameters
+    ----------
+    equations : compiled function
+        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`: every
+        entry of its arrays, which hold what an earlier call left.
+    successor : compiled function
+        ``successor(mode, guard, side, z, constants)`` returns the mode that follows when a guard
+        leaves past its upper limit (`side` 1) or its lower one (-1). It may change the state `z`,
+        as an impact does. It has to decide on sliding: if the mode that it returns leaves by the
+        same guard at once, it is asked again, and a run in which this does not end is an error.
+    guards : int
+        Number of guards.
+    matrices : int
+        Number of different matrices A that can occur in a run, at most.
+    """
+
+    equations: Callable[..., None]
+    successor: Callable[..., int]
+    guards: int
+    matrices: int
+
+    @cached_property
+    def _run(self) -> Callable[..., Record]:
+        equations, successor, sizes = self.equations, self.successor, (self.guards, self.matrices)
+
+        @compiled
+        def run(constants, starts, inputs, end, z, mode, limits):
+            return solve(
+                equations, successor, constants, starts, inputs, end, z, mode, sizes, limits
+            )
+
+        return run
+
+    def solve(
+        self,
+        z0: Sequence[float] | np.ndarray,
+        mode: int,
+        t_span: tuple[float, float],
+        inputs: Sequence[tuple[float, Any]] | None = None,
+        constants: Any = (),
+        max_events: int = 10_000,
+    ) -> ExactSolution:
+        """Solve from `z0` (n,) in `mode`.
+
+        Parameters
+        ----------
+        z0 : (n,) array_like
+            State at ``t_span[0]``.
+        mode : int
+            Mode there. If a guard says otherwise, the first event is at this time.
+        t_span : (float, float)
+            First and last time.
+        inputs : sequence of (time, input), optional
+            Input from each time on, rising from ``t_span[0]``; 0 if left out.
+        constants
+            Handed to the compiled functions.
+        max_events : int
+            More events than these are an error.
+
+        Returns
+        -------
+        ExactSolution
+
+        Raises
+        ------
+        ValueError
+            If an argument is out of range.
+        IntegrationError
+            If the modes chase each other at one time, there are too many events, or the solution
+            is not finite; the message says when, and names the modes.
+        """
+        start, end = map(float, t_span)
+        z = np.array(z0, dtype=float)
+        if not (math.isfinite(start) and math.isfinite(end) and start < end):
+            raise ValueError(f"t_span = {t_span!r} is not allowed; it must be finite and rise")
+        if z.ndim != 1 or not np.isfinite(z).all():
+            raise ValueError(f"z0 = {z0!r}: one row of finite numbers is needed")
+        times, values = zip(*(inputs or [(start, 0.0)]), strict=True)
+        starts = np.array(times, dtype=float)
+        if starts[0] != start or not (np.diff(starts) > 0).all():
+            raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
+        record = self._run(
+            constants, starts, np.array(values, float), end, z, mode, (max_events, 10**6)
+        )
+        require_finished(record)
+        return ExactSolution(record, end, states, grid=times)
+
+
+def states(record: Record, times: np.ndarray) -> np.ndarray:
+    """States (n, k) of a run at `times` (k,)."""
+    out = np.empty((record.start.shape[1] // 2, len(times)))
+    sample(record, times, out)
+    return out

@@ -1,0 +1,290 @@
+"""A linear system with constant input, ż = A z + b, in closed form: by its modes or its series.
+
+The increment of the state from a start z₀ is a sum over the eigenvalues λ of A, of terms that vanish
+with the time, so that no digits cancel however short it is. Where eigenvectors are too close to
+dependent, or not worth their cost, the Taylor series takes their place for a while. Everything is
+compiled and made for matrices of some ten rows.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+compiled = njit(fastmath={"contract"}, error_model="numpy", nogil=True)
+
+#: Largest entry of the inverse of the eigenvectors with which the modal form is used.
+WELL_CONDITIONED = 1e5
+#: Terms of the Taylor series; while ‖A‖u ≤ 1 the next one is below rounding.
+TERMS = 19
+
+UNKNOWN, DEFECTIVE = -2, -1
+
+
+class Matrices(NamedTuple):
+    """Matrices of n rows and what is known of them; room for k."""
+
+    A: np.ndarray  #: (k, n, n)
+    unit: np.ndarray  #: (k, n) units of the states that balance it; 0 where no derivative feels one
+    reach: np.ndarray  #: (k,) 1/‖A‖ in these units: how far the Taylor series goes
+    pieces: np.ndarray  #: (k,) number of pieces made by Taylor series
+    modes: np.ndarray  #: (k,) number of modes kept; or `UNKNOWN`, `DEFECTIVE`
+    rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair the one with positive part
+    inverse: np.ndarray  #: (k, n) complex 1/λ
+    column: np.ndarray  #: (k, n, n) complex: from amplitudes to states, doubled for a pair
+    row: np.ndarray  #: (k, n, n) complex: from slopes to amplitudes
+
+
+@compiled
+def room_for(k, n):
+    """Room for `k` matrices of `n` rows."""
+    number = np.complex128
+    return Matrices(
+        np.empty((k, n, n)),
+        np.empty((k, n)),
+        np.empty(k),
+        np.empty(k, np.int64),
+        np.empty(k, np.int64),
+        np.empty((k, n), number),
+        np.empty((k, n), number),
+        np.empty((k, n, n), number),
+        np.empty((k, n, n), number),
+    )
+
+
+# --- a matrix: units, eigenvectors ------------------------------------------------------------
+
+
+@compiled
+def _balance(A, unit):
+    """Find units of the states, powers of two, that make rows and columns of `A` alike in size.
+
+    A state that no derivative depends on is a mere integral of the others and gets the unit 0.
+    Returns the norm of the matrix of the others in these units.
+    """
+    n = unit.size
+    for j in range(n):
+        unit[j] = 0.0
+        for i in range(n):
+            if A[i, j] != 0.0:
+                unit[j] = 1.0
+    for _ in range(20):
+        changed = False
+        for i in range(n):
+            row = column = 0.0
+            for j in range(n):
+                if j != i and unit[i] * unit[j] > 0.0:
+                    row += abs(A[i, j]) * unit[j]
+                    column += abs(A[j, i]) / unit[j]
+            if row > 0.0 and column > 0.0:
+                better = 2.0 ** round(0.5 * math.log2(row / column))
+                changed = changed or better != unit[i]
+                unit[i] = better
+        if not changed:
+            break
+    norm = 0.0
+    for j in range(n):
+        total = 0.0
+        for i in range(n):
+            if unit[i] > 0.0:
+                total += abs(A[i, j]) * unit[j] / unit[i]
+        norm = max(norm, total)
+    return norm
+
+
+@compiled
+def find(A, m, count):
+    """Place of `A` among the first `count` matrices, to which it is added if it is new."""
+    n = A.shape[0]
+    for place in range(count):
+        same = True
+        for i in range(n):
+            for j in range(n):
+                same = same and m.A[place, i, j] == A[i, j]
+        if same:
+            return place
+    for i in range(n):
+        for j in range(n):
+            m.A[count, i, j] = A[i, j]
+    m.reach[count] = 1.0 / _balance(A, m.unit[count])
+    m.pieces[count], m.modes[count] = 0, UNKNOWN
+    return count
+
+
+@compiled
+def _invert(V, W):
+    """Set `W` to the inverse of `V`, which is destroyed; return its largest entry."""
+    n = V.shape[0]
+    for i in range(n):
+        for j in range(n):
+            W[i, j] = 1.0 if i == j else 0.0
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(V[i, k]) > abs(V[pivot, k]):
+                pivot = i
+        if V[pivot, k] == 0.0:
+            return math.inf
+        for j in range(n):
+            V[k, j], V[pivot, j] = V[pivot, j], V[k, j]
+            W[k, j], W[pivot, j] = W[pivot, j], W[k, j]
+        factor = 1.0 / V[k, k]
+        for j in range(n):
+            V[k, j] *= factor
+            W[k, j] *= factor
+        for i in range(n):
+            factor = V[i, k]
+            if i != k and factor != 0.0:
+                for j in range(n):
+                    V[i, j] -= factor * V[k, j]
+                    W[i, j] -= factor * W[k, j]
+    largest = 0.0
+    for i in range(n):
+        for j in range(n):
+            largest = max(largest, abs(W[i, j]))
+    return largest
+
+
+@compiled
+def _product(A, B):
+    """Product of two small matrices, which starts no library."""
+    n = A.shape[0]
+    product = np.zeros((n, n), np.complex128)
+    for i in range(n):
+        for k in range(n):
+            for j in range(n):
+                product[i, j] += A[i, k] * B[k, j]
+    return product
+
+
+@compiled
+def decompose(m, place):
+    """Find the modal form of a matrix, or mark it as near-defective."""
+    A, unit, n = m.A[place], m.unit[place], m.unit.shape[1]
+    core = [i for i in range(n) if unit[i] > 0.0]
+    size = len(core)
+    if size == 0:
+        m.modes[place] = 0
+        return
+    C = np.empty((size, size), np.complex128)
+    W = np.empty((size, size), np.complex128)
+    for i in range(size):
+        for j in range(size):
+            C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
+    rate, V = np.linalg.eig(C)
+    m.modes[place] = DEFECTIVE
+    if not _invert(V.copy(), W) < WELL_CONDITIONED:
+        return
+    # A Newton step. All eigenvalues come with the rounding error of the largest; W C V shows what
+    # each still lacks, and how much of the other eigenvectors each has in it.
+    D = _product(W, _product(C, V))
+    X = np.zeros_like(D)
+    for i in range(size):
+        rate[i] = D[i, i]
+        for j in range(size):
+            gap = D[j, j] - D[i, i]
+            if i != j and abs(D[i, j]) < 1e-3 * abs(gap):
+                X[i, j] = D[i, j] / gap
+    V += _product(V, X)
+    W -= _product(X, W)
+    kept, total, real = 0, 0, 1e-10 / m.reach[place]
+    for _ in range(size):
+        k = 0
+        for other in range(1, size):
+            if abs(rate[other]) < abs(rate[k]):
+                k = other
+        value, rate[k] = rate[k], math.inf
+        if value.imag < -real:
+            continue
+        weight = 2 if value.imag > real else 1
+        m.rate[place, kept] = value if weight == 2 else complex(value.real)
+        m.inverse[place, kept] = 0.0 if value == 0.0 else 1.0 / m.rate[place, kept]
+        for i in range(n):
+            m.row[place, kept, i] = m.column[place, i, kept] = 0.0
+        for i in range(size):
+            m.row[place, kept, core[i]] = W[k, i] / unit[core[i]]
+            m.column[place, core[i], kept] = weight * V[i, k] * unit[core[i]]
+        for i in range(n):
+            if unit[i] == 0.0:  # an integral of the others: the amplitude in its second derivative
+                for j in core:
+                    m.column[place, i, kept] += A[i, j] * m.column[place, j, kept]
+        kept, total = kept + 1, total + weight
+    if total == size:
+        m.modes[place] = kept
+
+
+# --- a piece: its formula ---------------------------------------------------------------------
+
+
+@compiled
+def integrals(rate, inverse, t):
+    """Return exp(λt) and its first and second integral over (0, t), accurate also as λt → 0.
+
+    `inverse` is 1/λ.
+    """
+    x = rate * t
+    if abs(x.real) + abs(x.imag) < 0.5:
+        if t == 0.0:
+            return 1.0 + 0j, 0j, 0j
+        series = 1.0 + x * (1 / 16)
+        for n in range(15, 2, -1):
+            series = 1.0 + x * (1.0 / n) * series
+        second = 0.5 * t * t * series
+        first = t + rate * second
+        return 1.0 + rate * first, first, second
+    power = complex(math.exp(x.real))
+    if x.imag != 0.0:
+        power = complex(power.real * math.cos(x.imag), power.real * math.sin(x.imag))
+    first = (power - 1.0) * inverse
+    return power, first, (first - t) * inverse
+
+
+@compiled
+def set_amplitudes(m, place, slope, amplitude):
+    """Amplitude of each mode in the slope at the start of a piece."""
+    for k in range(m.modes[place]):
+        total = 0j
+        for i in range(slope.size):
+            total += m.row[place, k, i] * slope[i]
+        amplitude[k] = total
+
+
+@compiled
+def set_taylor(A, slope, taylor):
+    """Coefficients of u, u², … in the state at a time u after the start of a piece."""
+    n = slope.size
+    for i in range(n):
+        taylor[0, i] = slope[i]
+    for j in range(1, TERMS):
+        factor = 1.0 / (j + 1)
+        for i in range(n):
+            total = 0.0
+            for k in range(n):
+                total += A[i, k] * taylor[j - 1, k]
+            taylor[j, i] = factor * total
+
+
+@compiled
+def advance(m, place, by_modes, state, slope, amplitude, taylor, u, out):
+    """State `out` at a time `u` after the start of a piece."""
+    n = out.size
+    if not by_modes:
+        for i in range(n):
+            total = 0.0
+            for j in range(TERMS - 1, -1, -1):
+                total = (total + taylor[j, i]) * u
+            out[i] = state[i] + total
+        return
+    for i in range(n):
+        out[i] = state[i]
+        if m.unit[place, i] == 0.0:
+            out[i] += slope[i] * u
+    for k in range(m.modes[place]):
+        if amplitude[k] == 0.0:  # though the mode may grow beyond all numbers
+            continue
+        _, first, second = integrals(m.rate[place, k], m.inverse[place, k], u)
+        first, second = amplitude[k] * first, amplitude[k] * second
+        for i in range(n):
+            grown = first if m.unit[place, i] > 0.0 else second
+            out[i] += (m.column[place, i, k] * grown).real
