@@ -183,7 +183,7 @@ def test_limits_join_without_a_jump(sign):
     assert region(at_limit, constants(BORDER))[:2] == (0, 0)
     v = auxiliary_variables(BORDER, at_limit[:, None])
     assert (v["v_c"].item(), v["v_m"].item()) == (sign * 2.0, sign * 8.0)
-    beyond = at_limit + [0, 0, 0, 0, sign * 0.001, 0, sign * -0.001]
+    beyond = at_limit + sign * np.array([0, 0, 0, 0, 0.001, 0, -0.001])
     assert region(beyond, constants(BORDER))[:2] == (sign, sign)
 
 

@@ -132,8 +132,10 @@ def test_before_the_first_time_the_input_is_zero():
     assert found.y[1, -1] > 0
 
 
-def test_switches_after_the_end_do_nothing():
-    found = run(set_velocity=[(0, 5), (0.02, -5), (7, 1)], t_end=0.02)
+@pytest.mark.parametrize("second", [0.02, 0.0200001, 7.0])
+def test_switches_after_the_end_do_nothing(second):
+    found = run(set_velocity=[(0, 5), (second, -5), (8, 1)], t_end=0.02)
+    assert found.t[-1] == 0.02
     assert np.array_equal(found.y, run(set_velocity=5.0, t_end=0.02).y)
 
 

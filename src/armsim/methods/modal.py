@@ -179,27 +179,30 @@ def decompose(m, place):
     # A Newton step. All eigenvalues come with the rounding error of the largest; W C V shows what
     # each still lacks, and how much of the other eigenvectors each has in it.
     D = _product(W, _product(C, V))
-    X = np.zeros_like(D)
+    X, noise = np.zeros_like(D), 1e-13 / m.reach[place]
     for i in range(size):
         rate[i] = D[i, i]
         for j in range(size):
             gap = D[j, j] - D[i, i]
-            if i != j and abs(D[i, j]) < 1e-3 * abs(gap):
+            if abs(gap) > noise and abs(D[i, j]) < 1e-3 * abs(gap):
                 X[i, j] = D[i, j] / gap
     V += _product(V, X)
     W -= _product(X, W)
-    kept, total, real = 0, 0, 1e-10 / m.reach[place]
+    kept = total = 0
     for _ in range(size):
         k = 0
         for other in range(1, size):
             if abs(rate[other]) < abs(rate[k]):
                 k = other
         value, rate[k] = rate[k], math.inf
-        if value.imag < -real:
+        weight = 1  # 2 for a pair: real eigenvectors come real, others are not nearly so, being
+        for i in range(size):  # independent of their conjugates
+            weight = 2 if abs(V[i, k].imag) > 1e-7 else weight
+        if weight == 2 and value.imag < 0.0:
             continue
-        weight = 2 if value.imag > real else 1
-        m.rate[place, kept] = value if weight == 2 else complex(value.real)
-        m.inverse[place, kept] = 0.0 if value == 0.0 else 1.0 / m.rate[place, kept]
+        value = value if weight == 2 else complex(value.real)
+        m.rate[place, kept] = value
+        m.inverse[place, kept] = 1.0 / value if value != 0.0 else value
         for i in range(n):
             m.row[place, kept, i] = m.column[place, i, kept] = 0.0
         for i in range(size):

@@ -1,0 +1,422 @@
+"""Systems whose answers are known in closed form, and the ways in which a run can fail."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+from armsim.methods import IntegrationError
+from armsim.methods.piecewise_affine import System
+
+# --- one mode, no guard: a linear system ----------------------------------------------------------
+
+
+@njit
+def linear(mode, u, matrix, out):
+    out.A[:] = matrix
+    out.b[:] = u
+
+
+@njit
+def linear_with_guard(mode, u, constants, out):
+    """The guard is the first component; one of its limits switches to a mode like this one."""
+    matrix, lower, upper = constants
+    out.A[:] = matrix
+    out.b[:] = u
+    out.normal[:] = 0.0
+    out.normal[0, 0] = 1.0
+    out.lower[0] = lower if mode == 0 else -np.inf
+    out.upper[0] = upper if mode == 0 else np.inf
+
+
+@njit
+def no_successor(mode, guard, side, z, constants):
+    return mode + side
+
+
+LINEAR = System(linear, no_successor, guards=0, matrices=1)
+GUARDED = System(linear_with_guard, no_successor, guards=1, matrices=1)
+
+
+def exact(A, b, z, t):
+    n = len(b)
+    augmented = np.zeros((n + 1, n + 1))
+    augmented[:n, :n], augmented[:n, n] = A, b
+    return (expm(augmented * t) @ np.append(z, 1.0))[:n]
+
+
+MATRICES = {
+    "diagonal, stiff": [[-1.0, 0.0], [0.0, -1e6]],
+    "oscillator": [[0.0, 1.0], [-100.0, -0.1]],
+    "critically damped": [[0.0, 1.0], [-4.0, -4.0]],
+    "nearly defective": [[0.0, 1.0], [-4.0, -4.0 - 1e-13]],
+    "double pole, decoupled": [[-3.0, 0.0], [0.0, -3.0]],
+    "integrator": [[0.0, 1.0], [0.0, -2.0]],
+    "double integrator": [[0.0, 1.0], [0.0, 0.0]],
+    "triple integrator": [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]],
+    "nothing moves": [[0.0, 0.0], [0.0, 0.0]],
+    "unstable": [[0.0, 1.0], [3.0, 0.5]],
+    "slow beside fast": [[-1e-9, 1.0, 0.0], [0.0, -1e4, 1e4], [0.0, 0.0, -2.0]],
+    "mixed units": [[-5.0, 1e7, 0.0], [-1e-5, -3.0, 1e-9], [0.0, 1e9, -1.0]],
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_a_linear_system_follows_its_matrix_exponential(name):
+    A = np.array(MATRICES[name])
+    z0, b = np.linspace(1.0, -0.5, len(A)), 0.3
+    run = LINEAR.solve(z0, 0, (0.0, 2.0), [(0.0, b)], A)
+    for t in (1e-9, 1e-4, 0.1, 0.7, 2.0):
+        expected = exact(A, np.full(len(A), b), z0, t)
+        # scipy's own error grows with ‖A t‖
+        assert run(t) == pytest.approx(expected, rel=2e-12, abs=2e-11 * np.abs(expected).max())
+    assert run.events == ()
+    assert run.nfev == 0
+
+
+def test_a_step_so_short_that_the_state_hardly_moves_is_exact_as_well():
+    run = LINEAR.solve([1.0, 0.0], 0, (0.0, 1.0), [(0.0, 0.0)], np.array([[0.0, 1.0], [-1.0, 0.0]]))
+    assert run(1e-9)[1] == pytest.approx(-1e-9, rel=1e-15)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.floats(-3, 3), min_size=9, max_size=9),
+    st.lists(st.floats(-1, 1), min_size=3, max_size=3),
+    st.sampled_from([0.0, 1.0, -2.5]),
+)
+def test_any_matrix_follows_its_exponential(entries, z0, b):
+    A = np.array(entries).reshape(3, 3)
+    run = LINEAR.solve(z0, 0, (0.0, 1.5), [(0.0, b)], A)
+    for t in (0.2, 1.5):
+        expected = exact(A, np.full(3, b), z0, t)
+        size = math.exp(np.abs(A).sum(axis=1).max() * t) * (1 + abs(b))  # what rounding can grow to
+        assert run(t) == pytest.approx(expected, rel=1e-12, abs=1e-13 * size + 1e-11)
+
+
+def test_held_inputs_change_at_their_times():
+    A, levels = np.array([[-3.0]]), [1.0, -2.0, 0.5, 0.0]
+    schedule = [(0.1 * n, level) for n, level in enumerate(levels)]
+    run = LINEAR.solve([0.2], 0, (0.0, 0.4), schedule, A)
+    y = 0.2
+    for n, level in enumerate(levels):
+        assert run(0.1 * n)[0] == pytest.approx(y, rel=1e-14)
+        y = level / 3 + (y - level / 3) * math.exp(-0.3)
+    assert run(0.4)[0] == pytest.approx(y, rel=1e-14)
+    assert set(np.array([0.0, 0.1, 0.2, 0.1 * 3])) <= set(run.t)
+
+
+# --- guards: no event is missed, none is made up --------------------------------------------------
+
+CIRCLE = np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+
+def circle_events(limit, z0=(0.0, 1.0), t_end=6.0):
+    return GUARDED.solve(z0, 0, (0.0, t_end), None, (CIRCLE, -np.inf, limit)).events
+
+
+@pytest.mark.parametrize("depth", [0.5, 1e-3, 1e-6, 1e-9, 1e-12])
+def test_a_limit_just_below_the_top_is_found(depth):
+    (event,) = circle_events(1 - depth)
+    assert event.time == pytest.approx(math.asin(1 - depth), abs=3e-15 / math.sqrt(2 * depth))
+    assert event.causes == ((0, 1),)
+    assert (event.before, event.after) == (0, 1)
+
+
+@pytest.mark.parametrize("depth", [1e-3, 1e-9, 1e-12])
+def test_a_limit_just_above_the_top_is_not_reached(depth):
+    assert circle_events(1 + depth, t_end=100.0) == ()
+
+
+def test_a_start_at_the_limit_leaves_or_turns_inwards_as_its_derivatives_say():
+    assert circle_events(1.0, (1.0, 0.0)) == ()  # value 0, slope 0, curvature inwards
+    assert circle_events(0.0, (0.0, -1.0), 3.0) == ()  # slope inwards
+    assert circle_events(0.0, (0.0, 1.0))[0].time == 0.0  # slope outwards
+    assert circle_events(-1.0, (-1.0, 0.0))[0].time == 0.0  # slope 0, curvature outwards
+    assert circle_events(0.5, (0.7, 0.7))[0].time == 0.0  # outside
+
+
+def test_a_start_at_the_limit_whose_third_derivative_decides():
+    triple = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    for push, count in ((1.0, 1), (-1.0, 0)):
+        inputs = [(0.0, np.array([0.0, 0.0, push]))]
+        run = GUARDED.solve(np.zeros(3), 0, (0.0, 1.0), inputs, (triple, -np.inf, 0.0))
+        assert len(run.events) == count
+        assert run(1.0)[0] == pytest.approx(push / 6, rel=1e-14)
+
+
+@pytest.mark.parametrize("size", [3e-3, 1e-4, 1e-6])
+def test_ripples_on_a_slow_rise_are_not_overlooked(size):
+    """z0 = t + size sin(ωt): an endpoint check on any grid coarser than the ripple would fail."""
+    omega = 1000.0
+    A = np.zeros((3, 3))
+    A[0, 1], A[1, 2], A[2, 1] = 1.0, omega, -omega
+    limit = 0.5
+    constants = (A, -np.inf, limit)
+    start = [0.0, size * omega, 0.0]  # z1 = size ω cos ωt
+    run = GUARDED.solve(start, 0, (0.0, 1.0), [(0.0, np.array([1.0, 0.0, 0.0]))], constants)
+
+    def gap(t):
+        return t + size * math.sin(omega * t) - limit
+
+    grid = np.arange(limit - size - 1e-5, limit + size + 1e-5, 1e-6)
+    first = next(t for t in grid if gap(t + 1e-6) >= 0)
+    assert run.events[0].time == pytest.approx(brentq(gap, first, first + 1e-6, xtol=1e-16), abs=1e-13)
+
+
+def test_two_guards_reached_at_one_time_make_one_event():
+    @njit
+    def equations(mode, u, constants, out):
+        out.A[:] = 0.0
+        out.b[:] = 1.0
+        out.normal[:] = np.eye(2)
+        out.lower[:] = -np.inf
+        out.upper[0] = 1.0 if mode % 2 == 0 else np.inf
+        out.upper[1] = 1.0 if mode < 2 else np.inf
+
+    @njit
+    def successor(mode, guard, side, z, constants):
+        return mode + 1 + guard
+
+    run = System(equations, successor, guards=2, matrices=1).solve([0.0, 0.0], 0, (0.0, 2.0))
+    (event,) = run.events
+    assert event == (pytest.approx(1.0), 0, 3, ((0, 1), (1, 1)))
+    assert run.modes(np.array([0.5, 1.0, 1.5])) == [0, 3, 3]
+
+
+# --- impacts ------------------------------------------------------------------------------------
+
+
+@njit
+def flight(mode, u, constants, out):
+    """Height and speed of a ball; the guard is the height."""
+    out.A[:] = np.array([[0.0, 1.0], [0.0, 0.0]])
+    out.b[:] = np.array([0.0, -constants[0]])
+    out.normal[:] = np.array([[1.0, 0.0]])
+    out.lower[0], out.upper[0] = 0.0, np.inf
+
+
+@njit
+def bounce(mode, guard, side, z, constants):
+    z[0], z[1] = 0.0, -constants[1] * z[1]
+    return mode
+
+
+BALL = System(flight, bounce, guards=1, matrices=1)
+
+
+def test_a_bouncing_ball_keeps_its_times():
+    g, e, h = 9.81, 0.8, 1.0
+    run = BALL.solve([h, 0.0], 0, (0.0, 3.0), constants=(g, e))
+    fall = math.sqrt(2 * h / g)
+    expected = [fall + 2 * fall * sum(e**k for k in range(1, n)) for n in range(1, 100)]
+    expected = [t for t in expected if t < 3.0]
+    assert [event.time for event in run.events] == pytest.approx(expected, rel=1e-14)
+    speeds = [run(event.time)[1] for event in run.events]
+    assert speeds == pytest.approx([g * fall * e**n for n in range(1, len(expected) + 1)], rel=1e-13)
+
+
+def test_impacts_that_accumulate_end_in_an_error_that_says_when():
+    g, e = 9.81, 0.8
+    end = math.sqrt(2 / g) * (1 + e) / (1 - e)
+    with pytest.raises(IntegrationError, match=f"t = {end:.4f}.*events, as when they accumulate"):
+        BALL.solve([1.0, 0.0], 0, (0.0, 10.0), constants=(g, e), max_events=500)
+
+
+def test_a_drive_train_with_backlash_and_impacts():
+    """Two free masses, relative play ±H, restitution e: the n-th gap takes 2H/(eⁿ w)."""
+
+    @njit
+    def equations(mode, u, constants, out):
+        out.A[:] = 0.0
+        out.A[0, 2] = out.A[1, 3] = 1.0
+        out.b[:] = 0.0
+        out.normal[:] = np.array([[1.0, -1.0, 0.0, 0.0]])
+        out.lower[0], out.upper[0] = -constants[0], constants[0]
+
+    @njit
+    def successor(mode, guard, side, z, constants):
+        H, e, m1, m2 = constants
+        impulse = (1 + e) * (z[2] - z[3]) * m1 * m2 / (m1 + m2)
+        z[2] -= impulse / m1
+        z[3] += impulse / m2
+        return mode
+
+    H, e, m1, m2, w = 1e-3, 0.7, 2.0, 5.0, 0.1
+    system = System(equations, successor, guards=1, matrices=1)
+    run = system.solve([0.0, 0.0, w, 0.0], 0, (0.0, 5.0), constants=(H, e, m1, m2))
+    times = H / w + np.cumsum([0.0] + [2 * H / (e**n * w) for n in range(1, 30)])
+    times = times[times < 5.0]
+    assert [event.time for event in run.events] == pytest.approx(times.tolist(), rel=1e-13)
+    sides = [event.causes[0][1] for event in run.events]
+    assert sides == [(-1) ** n for n in range(len(times))]
+    momentum = np.array([0.0, 0.0, m1, m2]) @ run.y
+    assert momentum == pytest.approx(np.full(run.t.size, m1 * w), rel=1e-13)
+
+
+# --- sliding: friction and relays -----------------------------------------------------------------
+
+SLIP, STICK = 0, 1
+
+
+@njit
+def belt(mode, u, constants, out):
+    """A mass on a belt: x'' = -x + F, F = static up to `hold`, `drag` while it lags behind."""
+    drag, hold, speed = constants
+    out.normal[:] = 0.0
+    out.lower[0] = -np.inf
+    if mode == SLIP:  # guard: speed relative to the belt
+        out.A[:] = np.array([[0.0, 1.0], [-1.0, 0.0]])
+        out.b[:] = np.array([0.0, drag])
+        out.normal[0, 1] = 1.0
+        out.upper[0] = speed
+    else:  # guard: the spring's force
+        out.A[:] = 0.0
+        out.b[:] = np.array([speed, 0.0])
+        out.normal[0, 0] = 1.0
+        out.upper[0] = hold
+
+
+@njit
+def belt_successor(mode, guard, side, z, constants):
+    if mode == SLIP:
+        z[1] = constants[2]
+        return STICK
+    return SLIP
+
+
+@pytest.mark.parametrize(("drag", "hold", "speed"), [(1.0, 1.5, 0.2), (0.5, 3.0, 1.0), (0.9, 1, 1e-3)])
+def test_a_stick_slip_oscillator_has_its_period(drag, hold, speed):
+    """Slipping is an arc of a circle around (drag, 0); sticking a straight line back."""
+    system = System(belt, belt_successor, guards=1, matrices=2)
+    excess = hold - drag
+    stick = 2 * excess / speed
+    slip = 2 * (math.pi - math.atan2(excess, speed))
+    cycles = 4
+    t_end = cycles * (stick + slip) + 0.5 * stick
+    run = system.solve([2 * drag - hold, speed], STICK, (0.0, t_end), constants=(drag, hold, speed))
+    expected = [n * (stick + slip) + part for n in range(cycles) for part in (stick, stick + slip)]
+    times = [event.time for event in run.events if event.time > 0]
+    assert times == pytest.approx([*expected], rel=1e-13)
+    assert [event.after for event in run.events] == [SLIP, STICK] * cycles
+    mid = run.events[0].time + slip / 2  # the far point of the arc
+    assert run(mid) == pytest.approx([drag - math.hypot(excess, speed), 0.0], abs=1e-12)
+
+
+@njit
+def relay(mode, u, constants, out):
+    """ẋ = A x + B u, u = -sgn(C x): modes -1 and 1 are the value of C x's sign, 0 is sliding."""
+    A, B, C = constants
+    out.A[:] = A
+    out.b[:] = -mode * B
+    out.normal[0] = C
+    out.lower[0], out.upper[0] = -np.inf, np.inf
+    if mode == 1:
+        out.lower[0] = 0.0
+    elif mode == -1:
+        out.upper[0] = 0.0
+    else:  # the equivalent control keeps C x where it is; it has to be between -1 and 1
+        strength = C @ B
+        out.A[:] -= np.outer(B, C @ A) / strength
+        out.normal[0] = C @ A / strength
+        out.lower[0], out.upper[0] = -1.0, 1.0
+
+
+@njit
+def relay_successor(mode, guard, side, z, constants):
+    A, B, C = constants
+    if mode == 0:
+        return side
+    slope, strength = C @ (A @ z), C @ B
+    if abs(slope) < strength:
+        return 0
+    return -mode
+
+
+def relay_constants(A, B, C):
+    return np.array(A, float), np.array(B, float), np.array(C, float)
+
+
+RELAY = System(relay, relay_successor, guards=1, matrices=2)
+
+
+def test_a_first_order_relay_slides_at_zero():
+    run = RELAY.solve([2.0], 1, (0.0, 5.0), constants=relay_constants([[-1]], [1], [1]))
+    (event,) = run.events
+    assert (event.time, event.after) == (pytest.approx(math.log(3), rel=1e-14), 0)
+    assert run(np.array([2.0, 5.0])) == pytest.approx(np.zeros((1, 2)), abs=1e-16)
+
+
+def test_a_relay_slides_and_leaves_where_the_equivalent_control_reaches_its_limit():
+    """x₁ = 0 with x₂' = x₂: slides until |x₂| = 1, at t = ln 4 from x₂ = 1/4."""
+    A, B, C = [[0, 1], [0, 1]], [1, 0], [1, 0]
+    run = RELAY.solve([0.0, 0.25], 1, (0.0, 2.0), constants=relay_constants(A, B, C))
+    assert [event.after for event in run.events] == [0, 1]
+    assert run.events[0].time == 0.0
+    assert run.events[1].time == pytest.approx(math.log(4), rel=1e-13)
+    t = 1.7
+    assert run(t)[0] == pytest.approx(0.25 * math.exp(t) - 1 - (t - math.log(4)), rel=1e-12)
+
+
+def test_the_limit_cycle_of_a_third_order_relay_system():
+    """Symmetric oscillation of 1/(s + 1)³ under a relay; the harmonic balance of Tsypkin gives it.
+
+    A half period T has to satisfy C (I + e^{AT})⁻¹ ∫₀ᵀ e^{As} B ds = 0.
+    """
+    A, B, C = relay_constants([[-1, 1, 0], [0, -1, 1], [0, 0, -1]], [0, 0, 1], [1, 0, 0])
+
+    def residual(T):
+        whole = expm(A * T)
+        return C @ np.linalg.solve(np.eye(3) + whole, np.linalg.solve(A, (whole - np.eye(3)) @ B))
+
+    half = brentq(residual, 1.0, 6.0, xtol=1e-15)
+    run = RELAY.solve([0.1, 0.0, 0.0], 1, (0.0, 100.0), constants=(A, B, C))
+    gaps = np.diff([event.time for event in run.events])
+    assert gaps[-1] == pytest.approx(half, rel=1e-12)
+
+
+# --- failures -----------------------------------------------------------------------------------
+
+
+def test_modes_that_chase_each_other_are_an_error():
+    @njit
+    def stubborn(mode, guard, side, z, constants):
+        return -mode
+
+    system = System(relay, stubborn, guards=1, matrices=2)
+    with pytest.raises(IntegrationError, match=r"t = 1\.0986.*at one time; a mode for sliding.* -1 to 1"):
+        system.solve([2.0], 1, (0.0, 5.0), constants=relay_constants([[-1]], [1], [1]))
+
+
+def test_a_solution_that_leaves_all_numbers_is_an_error():
+    with pytest.raises(IntegrationError, match="not finite"):
+        LINEAR.solve([1.0], 0, (0.0, 10.0), [(0.0, 0.0), (9.0, 1.0)], np.array([[100.0]]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"t_span": (1.0, 0.0)}, "t_span"),
+        ({"t_span": (0.0, math.inf)}, "t_span"),
+        ({"z0": [math.nan]}, "z0"),
+        ({"z0": [[1.0]]}, "z0"),
+        ({"inputs": [(0.5, 1.0)]}, "times of inputs"),
+        ({"inputs": [(0.0, 1.0), (0.0, 2.0)]}, "times of inputs"),
+    ],
+)
+def test_arguments_are_checked(changes, message):
+    arguments = {"z0": [1.0], "mode": 0, "t_span": (0.0, 1.0)} | changes
+    with pytest.raises(ValueError, match=message):
+        LINEAR.solve(**arguments, constants=np.array([[-1.0]]))
+
+
+def test_times_outside_the_run_are_refused():
+    run = LINEAR.solve([1.0], 0, (0.0, 1.0), None, np.array([[-1.0]]))
+    for t in (-0.1, 1.1, math.nan):
+        with pytest.raises(ValueError, match="outside the run"):
+            run(t)
