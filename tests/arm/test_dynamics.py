@@ -230,8 +230,9 @@ def test_steady_motion_in_closed_form(volts):
 
     # The slowest mode of this region decays with 12/s: e^-12/s · 2.5 s leaves 1e-13.
     end = simulate(P, volts, 2.5, method=tableaux.RK4_GILL, step_size=2e-5).y[:, -1]
-    assert end[[1, 3, 4, 6]] == pytest.approx(y[[1, 3, 4, 6]], rel=1e-9)
-    assert P.r_g * end[2] - end[0] == pytest.approx(windup, rel=1e-9)
+    # Rounding of y0 = 2.5 m is 4e-16 m or 2e-9 N of gear force; the current rings with it at 1e-8.
+    assert end[[1, 3, 4, 6]] == pytest.approx(y[[1, 3, 4, 6]], rel=1e-7)
+    assert P.r_g * end[2] - end[0] == pytest.approx(windup, rel=1e-7)
 
 
 def test_opposite_input_gives_the_opposite_motion():

@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
 
 from armsim.arm.parameters import AxisParameters
 
@@ -139,6 +138,8 @@ class StepResponse:
         ValueError
             If `criterion` is not between 0 and 1, or the loop is not stable.
         """
+        from scipy.optimize import brentq  # slow to import
+
         if not 0 < criterion < 1:
             raise ValueError(f"criterion = {criterion!r} is not allowed; it must be in (0, 1)")
         band = criterion * abs(self.final)
@@ -151,6 +152,8 @@ class StepResponse:
 
     def peak_current(self) -> float:
         """Largest magnitude of the motor current in A; in the model it starts from zero."""
+        from scipy.optimize import minimize_scalar  # slow to import
+
         t = self._grid(1e-6 * abs(self.final))
         top = int(np.argmax(np.abs(self.current(t))))
         low, high = t[max(top - 1, 0)], t[min(top + 1, len(t) - 1)]

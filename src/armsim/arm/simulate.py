@@ -14,7 +14,7 @@ from numbers import Real
 import numpy as np
 
 from armsim.arm import switching
-from armsim.arm.dynamics import Region, auxiliary_variables, constants, region, rhs
+from armsim.arm.dynamics import Constants, Region, auxiliary_variables, constants, region, rhs
 from armsim.arm.parameters import AxisParameters
 from armsim.methods.piecewise_affine import Event, ExactSolution, Record, require_finished
 from armsim.methods.runge_kutta import Form, IntegrationError, integrate
@@ -120,7 +120,8 @@ class Steps:
         outside = ~((times >= self.t[0]) & (times <= self.t[-1]))
         if outside.any():
             raise ValueError(
-                f"t = {times[outside][0]} is outside the run; allowed is {self.t[0]} to {self.t[-1]}"
+                f"t = {times[outside][0]} is outside the run; "
+                f"allowed is {self.t[0]} to {self.t[-1]}"
             )
         left = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2)
         h = self.t[left + 1] - self.t[left]
@@ -254,7 +255,7 @@ def simulate_many(
         raise ValueError(f"times = {times!r}: a row of numbers from 0 to t_end = {t_end} is needed")
     if threads is not None and (isinstance(threads, bool) or threads < 1):
         raise ValueError(f"threads = {threads!r} is not allowed; it must be at least 1")
-    numbers = np.array([constants(p) for p in axes]).reshape(len(axes), -1)
+    numbers = np.array([constants(p) for p in axes]).reshape(len(axes), len(Constants._fields))
     starts, volts = np.array(schedule).T.copy()
     y, status = np.empty((len(axes), 7, at.size)), np.empty(len(axes), np.int64)
     limits = (MAX_EVENTS, MAX_PIECES)
@@ -368,14 +369,16 @@ def _checked(
 
 
 def _checked_schedule(set_velocity: SetVelocity) -> Schedule:
-    if isinstance(set_velocity, Real | str):
+    if isinstance(set_velocity, float | Real | str):
         return ((0.0, _checked_number("set_velocity", set_velocity)),)
     schedule: list[tuple[float, float]] = []
     for n, entry in enumerate(set_velocity):
         try:
             time, volts = entry
         except (TypeError, ValueError) as error:
-            raise ValueError(f"set_velocity[{n}] = {entry!r}: a pair (time, volts) is needed") from error
+            raise ValueError(
+                f"set_velocity[{n}] = {entry!r}: a pair (time, volts) is needed"
+            ) from error
         time = _checked_number(f"set_velocity[{n}] time", time)
         if time < 0 or (schedule and time <= schedule[-1][0]):
             raise ValueError(

@@ -44,16 +44,18 @@ FORMS = {
     "as printed": Rule("exp({a}*k{i}{p})", "*", "{y}*{z}", "{x} - {x}/({z})", "+{f}"),
 }
 
+# All steps but the last have one h, so that products with it are made once, before the loop.
 _FIXED = """\
-def loop(times, y, shift, out, args):
+def loop(times, step, y, shift, out, args):
     <start>
-    for n in range(1, times.size):
-        t = times[n - 1]
-        h = times[n] - t
-        <stages>
-        <move>
-        <accept>
-        <store>
+    last = times.size - 1
+    for first, end, h in ((1, last, step), (last, last + 1, times[last] - times[last - 1])):
+        for n in range(max(first, 1), end):
+            t = times[n - 1]
+            <stages>
+            <move>
+            <accept>
+            <store>
 """
 
 # Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.4; `error` is

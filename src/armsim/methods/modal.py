@@ -1,10 +1,12 @@
 """A linear system with constant input, ż = A z + b, in closed form: by its modes or its series.
 
-The increment of the state from a start z₀ is a sum over the eigenvalues λ of A, of terms that vanish
-with the time, so that no digits cancel however short it is. Where eigenvectors are too close to
+What the state gains from a start on is a sum over the eigenvalues λ of A, of terms that vanish with
+the time, so that no digits cancel however short it is. Where eigenvectors are too close to
 dependent, or not worth their cost, the Taylor series takes their place for a while. Everything is
-compiled and made for matrices of some ten rows.
+compiled, and made for matrices of some ten rows.
 """
+
+# mypy: disable-error-code="no-untyped-def"
 
 import math
 from typing import NamedTuple
@@ -78,7 +80,8 @@ def _balance(A, unit):
                     row += abs(A[i, j]) * unit[j]
                     column += abs(A[j, i]) / unit[j]
             if row > 0.0 and column > 0.0:
-                better = 2.0 ** round(0.5 * math.log2(row / column))
+                power = round(0.5 * math.log2(row / column))
+                better = math.ldexp(1.0, min(max(power, -300), 300))
                 changed = changed or better != unit[i]
                 unit[i] = better
         if not changed:

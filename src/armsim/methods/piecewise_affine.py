@@ -45,7 +45,9 @@ class Record(NamedTuple):
 
     status: int  #: `FINISHED` or why not
     start: np.ndarray  #: (p, 1 + 2n) of each piece: time, state, slope
-    label: np.ndarray  #: (p, 3) of each piece: mode, place of its matrix, 1 for modal or 0 for series
+    label: (
+        np.ndarray
+    )  #: (p, 3) of each piece: mode, place of its matrix, 1 for modal or 0 for series
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     matrices: Matrices
@@ -178,7 +180,11 @@ def _gain_modal(rate, inverse, modes, drift, s, rest, w):
             radius = size * (inverse[k].real ** 2 + inverse[k].imag ** 2)
             if rate[k].imag == 0.0:  # it goes straight to its rest, not around it
                 centre, radius = 0.5 * centre, 0.5 * radius
-            up[k], down[k], steady[k] = radius - centre, radius + centre, -(w.d[k] * inverse[k]).real
+            up[k], down[k], steady[k] = (
+                radius - centre,
+                radius + centre,
+                -(w.d[k] * inverse[k]).real,
+            )
         bend[k + 1] = bend[k] + size
     return gain, slope[modes], sizes, reach
 
@@ -249,7 +255,7 @@ def _arrival(m, place, by_modes, drift, value, lower, upper, noise, s, end, w):
         if upper - g <= error or g - lower <= error:
             side = 1 if upper - g <= error else -1
             room = upper - g if side > 0 else g - lower
-            if 0.0 < room < side * slope * step:  # one last step, by Newton
+            if abs(room) < side * slope * step:  # one last step, by Newton
                 s += room / abs(slope)
             return min(s, end), side
         step = _safe_step(upper - g + error, g - lower + error, modes, reach, w.proof)
@@ -279,14 +285,15 @@ def _clearance(m, place, by_modes, order, derivative, width, end, w):
             for factor in range(j - order + 1, j + 2):
                 size *= factor
             bound = bound * end + size
-    if bound == 0.0:
+    if derivative == 0.0 and bound == 0.0:
         return u
     if order > w.slope.size:  # none is known from zero: go on a little, and look again
         return min(u, 1e-3 * m.reach[place])
     factorial = 1.0
     for factor in range(2, order + 1):
         factorial *= factor
-    u = min(u, 0.5 * (order + 1) * derivative / bound)
+    if bound > 0.0:
+        u = min(u, 0.5 * (order + 1) * derivative / bound)
     return min(u, (factorial * width / (3.0 * derivative)) ** (1.0 / order))
 
 
@@ -479,9 +486,7 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
         if at_once > AT_ONCE or events > limits[0]:
             status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
             break
-    return Record(
-        status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t
-    )
+    return Record(status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t)
 
 
 @compiled
@@ -615,13 +620,15 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
         for guard, side, before, after in record.event[-3:].tolist()
     )
     reason = {
-        MODES_CHASE: f"more than {AT_ONCE} events at one time; a mode for sliding may be missing",
-        TOO_MANY_EVENTS: f"more than {len(record.event) - 1} events, as when they accumulate",
+        MODES_CHASE: f"more than {AT_ONCE} events at one time: they accumulate, or a mode to "
+        "slide is missing",
+        TOO_MANY_EVENTS: f"more than {len(record.event) - 1} events",
         TOO_MANY_PIECES: f"more than {len(record.start)} pieces",
         NOT_FINITE: "the solution is not finite",
     }[record.status]
     raise IntegrationError(
-        f"exact solution stopped at t = {record.end:.12g}: {reason}" + (f" ({last})" if last else "")
+        f"exact solution stopped at t = {record.end:.12g}: {reason}"
+        + (f" ({last})" if last else "")
     )
 
 

@@ -134,14 +134,15 @@ def integrate(
         )
     steps = max(math.ceil(steps), 0)
     t = np.arange(steps + 1.0)
-    t *= math.copysign(step_size, end - start)
+    step = math.copysign(step_size, end - start)
+    t *= step
     t += start
     t[-1] = end
     y = np.empty((y0.size, steps + 1))
     y[:, 0] = y0
     loop, state = _loop(fun, tableau, form, start, y0, args)
     with np.errstate(all="ignore"):  # a blow-up is reported below, once
-        loop(t, state(y0), state(s), y, args)
+        loop(t, step, state(y0), state(s), y, args)
     _raise_if_lost(t, y, s, form, f"{tableau.name}, {form} form, step size {step_size:g}")
     return Solution(t, y, steps * len(tableau.evaluated_stages))
 
