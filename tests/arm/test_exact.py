@@ -281,8 +281,11 @@ def test_an_arm_that_is_not_driven_stays_exactly_where_it_is():
 def test_a_mirrored_input_gives_the_mirrored_run():
     run = simulate(P, [(0.0, 8.0), (0.3, -8.0)], 0.9)
     mirror = simulate(P, [(0.0, -8.0), (0.3, 8.0)], 0.9)
-    assert np.array_equal(mirror.y, -run.y)
-    assert [e.time for e in mirror.events] == [e.time for e in run.events]
+    times = np.linspace(0, 0.9, 1001)
+    scale = np.abs(run.y).max(axis=1)
+    difference = np.abs(mirror(times) + run(times)).max(axis=1)
+    assert np.all(difference <= 1e-13 * scale)  # rounding: the code has no side of its own
+    assert [e.time for e in mirror.events] == pytest.approx([e.time for e in run.events], rel=1e-14)
     for event, other in zip(run.events, mirror.events, strict=True):
         flipped = [-b for b in event.after[:3]]
         assert list(other.after[:3]) == flipped

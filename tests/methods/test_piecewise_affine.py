@@ -1,6 +1,7 @@
 """Systems whose answers are known in closed form, and the ways in which a run can fail."""
 
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -248,8 +249,10 @@ def test_a_bouncing_ball_keeps_its_times():
 def test_impacts_that_accumulate_end_in_an_error_that_says_when():
     g, e = 9.81, 0.8
     end = math.sqrt(2 / g) * (1 + e) / (1 - e)
-    with pytest.raises(IntegrationError, match=f"t = {end:.7f}.*events at one time"):
+    with pytest.raises(IntegrationError, match="events at one time") as stopped:
         ball(g, e, 1.0, 10.0)
+    when = float(re.search(r"t = ([\d.]+)", str(stopped.value))[1])
+    assert when == pytest.approx(end, abs=1e-9)  # the printed digits
     with pytest.raises(IntegrationError, match="more than 50 events"):
         ball(g, e, 1.0, 10.0, max_events=50)
 
@@ -404,3 +407,11 @@ def test_times_outside_the_run_are_refused():
     for t in (-0.1, 1.1, math.nan):
         with pytest.raises(ValueError, match="outside the run"):
             run(t)
+
+
+def test_more_matrices_than_announced_are_an_error():
+    modes = [(np.array([[-1.0 - m]]), [1.0], {0: ([1], -np.inf, 0.1 * m)}) for m in range(4)]
+    following = {(m, 0): (m + 1, m + 1) for m in range(3)}
+    small = System(from_table, by_table, guards=2, matrices=2)
+    with pytest.raises(IntegrationError, match="more than 2 different matrices"):
+        small.solve([0.0], 0, (0.0, 5.0), [(0.0, np.zeros(1))], table(modes, following))

@@ -407,3 +407,8 @@ def test_a_function_that_cannot_be_imported_again_is_compiled_without_a_file(kep
     y = integrate(local, (0, 1), [1.0], tableaux.RK6, 0.01).y[0, -1]
     assert y == pytest.approx(np.exp(-2), rel=1e-10)
     assert not kept()
+
+
+def test_a_tableau_by_name_is_an_error():
+    with pytest.raises(TypeError, match="tableau = 'RK6': a Tableau is needed"):
+        integrate(lambda t, y: -y, (0, 1), [1.0], "RK6", 0.1)

@@ -4,11 +4,10 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from numbers import Real
 
 import numpy as np
@@ -200,8 +199,7 @@ def simulate(
         )
     numbers = np.array(constants(p))
     starts, volts = np.array(schedule).T.copy()
-    with _patience():
-        record = switching.run(numbers, starts, volts, t_end, state, (MAX_EVENTS, MAX_PIECES))
+    record = _ready_to_run()(numbers, starts, volts, t_end, state, (MAX_EVENTS, MAX_PIECES))
     require_finished(record, switching.region_of, Region._fields.__getitem__)
     solution = ExactSolution(
         record,
@@ -266,10 +264,7 @@ def simulate_many(
             numbers[part], starts, volts, t_end, state, limits, at, y[part], status[part]
         )
 
-    with _patience():
-        switching.run_many(
-            numbers[:0], starts, volts, t_end, state, limits, at, y[:0], status[:0]
-        )  # compiles where that is still to be done, before threads would do it all at once
+    _ready_to_run()
     with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
         list(pool.map(work, range(0, len(axes), _CHUNK)))
     for n in np.flatnonzero(status):
@@ -282,24 +277,27 @@ def simulate_many(
 
 def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
     y = np.empty((7, times.size))
-    switching.states(record, np.ascontiguousarray(times), numbers, y)
+    switching.states(record, times, numbers, y)
     return y
 
 
-@contextmanager
-def _patience() -> Iterator[None]:
-    """Tell what takes so long the first time after an installation."""
-    if switching.run.signatures:  # compiled, or read from disk
-        yield
-        return
+@cache
+def _ready_to_run() -> Callable[..., Record]:
+    """Compile the solver or read it from the disk, and tell what takes so long the first time."""
     text = "armsim: compiling the exact solver, once per installation; half a minute or so"
     timer = threading.Timer(2.0, print, (text,), {"file": sys.stderr, "flush": True})
     timer.daemon = True
     timer.start()
     try:
-        yield
+        numbers = np.array([constants(AxisParameters.paper_x_axis())])
+        y, row = np.empty((1, 7, 1)), np.zeros(1)
+        limits, status = (MAX_EVENTS, MAX_PIECES), np.empty(1, np.int64)
+        switching.run_many(numbers, row, row, 1e-9, np.zeros(7), limits, row, y, status)
+        record = switching.run(numbers[0], row, row, 1e-9, np.zeros(7), limits)
+        switching.states(record, row, numbers[0], y[0])
     finally:
         timer.cancel()
+    return switching.run
 
 
 def _runge_kutta(

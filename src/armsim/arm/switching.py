@@ -29,7 +29,7 @@ from armsim.arm.dynamics import (
     preamplifier_output,
     region,
 )
-from armsim.methods import modal, piecewise_affine
+from armsim.methods import arrival, modal, piecewise_affine
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}
 _compiled = njit(**_OPTIONS)
@@ -168,9 +168,10 @@ def start(y, numbers):
 
 # --- what is called from Python -----------------------------------------------------------------
 
-_FILES = (__file__, dynamics.__file__, modal.__file__, piecewise_affine.__file__)
 # Numba looks at the file of a function only, to see whether the machine code that it keeps on disk
 # is up to date. Defaults are part of its key, so this one stands for all that is compiled in.
+_MODULES = (dynamics, modal, arrival, piecewise_affine)
+_FILES = [__file__, *(str(module.__file__) for module in _MODULES)]
 _SOURCES = zlib.crc32(b"".join(Path(file).read_bytes() for file in _FILES))
 _kept = njit(cache=True, **_OPTIONS)
 

@@ -14,7 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-compiled = njit(fastmath={"contract"}, error_model="numpy", nogil=True)
+_OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
+compiled = njit(**_OPTIONS)
+#: For what is called from one place, often, with many arrays.
+inlined = njit(forceinline=True, **_OPTIONS)
 
 #: Largest entry of the inverse of the eigenvectors with which the modal form is used.
 WELL_CONDITIONED = 1e5
@@ -34,6 +37,7 @@ class Matrices(NamedTuple):
     modes: np.ndarray  #: (k,) number of modes kept; or `UNKNOWN`, `DEFECTIVE`
     rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair the one with positive part
     inverse: np.ndarray  #: (k, n) complex 1/λ
+    speed: np.ndarray  #: (k, n) |λ|
     column: np.ndarray  #: (k, n, n) complex: from amplitudes to states, doubled for a pair
     row: np.ndarray  #: (k, n, n) complex: from slopes to amplitudes
 
@@ -50,6 +54,7 @@ def room_for(k, n):
         np.empty(k, np.int64),
         np.empty((k, n), number),
         np.empty((k, n), number),
+        np.empty((k, n)),
         np.empty((k, n, n), number),
         np.empty((k, n, n), number),
     )
@@ -98,7 +103,7 @@ def _balance(A, unit):
 
 @compiled
 def find(A, m, count):
-    """Place of `A` among the first `count` matrices, to which it is added if it is new."""
+    """Place of `A` among the first `count` matrices; it is added if new; -1 if there is no room."""
     n = A.shape[0]
     for place in range(count):
         same = True
@@ -107,6 +112,8 @@ def find(A, m, count):
                 same = same and m.A[place, i, j] == A[i, j]
         if same:
             return place
+    if count == m.reach.size:
+        return -1
     for i in range(n):
         for j in range(n):
             m.A[count, i, j] = A[i, j]
@@ -116,8 +123,14 @@ def find(A, m, count):
 
 
 @compiled
+def _size(z):
+    """Square of the modulus, which needs no root."""
+    return z.real * z.real + z.imag * z.imag
+
+
+@compiled
 def _invert(V, W):
-    """Set `W` to the inverse of `V`, which is destroyed; return its largest entry."""
+    """Set `W` to the inverse of `V`, which is destroyed; return its largest entry squared."""
     n = V.shape[0]
     for i in range(n):
         for j in range(n):
@@ -125,7 +138,7 @@ def _invert(V, W):
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
-            if abs(V[i, k]) > abs(V[pivot, k]):
+            if _size(V[i, k]) > _size(V[pivot, k]):
                 pivot = i
         if V[pivot, k] == 0.0:
             return math.inf
@@ -145,39 +158,103 @@ def _invert(V, W):
     largest = 0.0
     for i in range(n):
         for j in range(n):
-            largest = max(largest, abs(W[i, j]))
+            largest = max(largest, _size(W[i, j]))
     return largest
 
 
 @compiled
 def _product(A, B):
     """Product of two small matrices, which starts no library."""
-    n = A.shape[0]
-    product = np.zeros((n, n), np.complex128)
-    for i in range(n):
-        for k in range(n):
-            for j in range(n):
-                product[i, j] += A[i, k] * B[k, j]
+    product = np.zeros((A.shape[0], B.shape[1]), np.complex128)
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            if A[i, k] != 0.0:
+                for j in range(B.shape[1]):
+                    product[i, j] += A[i, k] * B[k, j]
     return product
+
+
+@compiled
+def _indices(mask):
+    found, count = np.empty(mask.size, np.int64), 0
+    for i in range(mask.size):
+        if mask[i]:
+            found[count] = i
+            count += 1
+    return found[:count]
+
+
+@compiled
+def _part(C, rows, columns):
+    part = np.empty((rows.size, columns.size), np.complex128)
+    for i in range(rows.size):
+        for j in range(columns.size):
+            part[i, j] = C[rows[i], columns[j]]
+    return part
+
+
+@compiled
+def _eigen(C, rate, V):
+    """Eigenvalues and eigenvectors of `C`, block by block; return whether they could be found.
+
+    States that act on each other in a circle make a block. Its eigenvectors go on into the states
+    that it drives, where (C - λ) v vanishes as well. Blocks are cheaper and more exact than all.
+    """
+    n, done = C.shape[0], 0
+    acts = np.empty((n, n), np.bool_)  # acts[i, j]: j acts on i, in the end through others
+    for i in range(n):
+        for j in range(n):
+            acts[i, j], V[i, j] = i == j or C[i, j] != 0.0, 0.0
+    for k in range(n):
+        for i in range(n):
+            if acts[i, k]:
+                for j in range(n):
+                    acts[i, j] = acts[i, j] or acts[k, j]
+    for first in range(n):
+        block = _indices(acts[:, first] & acts[first, :])
+        if block[0] < first:
+            continue
+        driven = _indices(acts[:, first] & ~acts[first, :])
+        values, vectors = np.array([C[first, first]]), np.ones((1, 1), np.complex128)
+        if block.size > 1:
+            values, vectors = np.linalg.eig(_part(C, block, block))
+        drive = _product(_part(C, driven, block), vectors)
+        inverse = np.empty((driven.size, driven.size), np.complex128)
+        for k in range(block.size):
+            rate[done] = values[k]
+            for i in range(block.size):
+                V[block[i], done] = vectors[i, k]
+            if driven.size > 0:
+                rest = _part(C, driven, driven)
+                for i in range(driven.size):
+                    rest[i, i] -= values[k]
+                if _invert(rest, inverse) == math.inf:
+                    return False
+                for i in range(driven.size):
+                    for j in range(driven.size):
+                        V[driven[i], done] -= inverse[i, j] * drive[j, k]
+            largest = 0.0
+            for i in range(n):
+                largest = max(largest, _size(V[i, done]))
+            for i in range(n):
+                V[i, done] /= math.sqrt(largest)
+            done += 1
+    return True
 
 
 @compiled
 def decompose(m, place):
     """Find the modal form of a matrix, or mark it as near-defective."""
     A, unit, n = m.A[place], m.unit[place], m.unit.shape[1]
-    core = [i for i in range(n) if unit[i] > 0.0]
-    size = len(core)
-    if size == 0:
-        m.modes[place] = 0
-        return
+    core = _indices(unit > 0.0)
+    size = core.size
     C = np.empty((size, size), np.complex128)
-    W = np.empty((size, size), np.complex128)
+    V, W, rate = np.empty_like(C), np.empty_like(C), np.empty(size, np.complex128)
     for i in range(size):
         for j in range(size):
             C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
-    rate, V = np.linalg.eig(C)
     m.modes[place] = DEFECTIVE
-    if not _invert(V.copy(), W) < WELL_CONDITIONED:
+    if not _eigen(C, rate, V) or not _invert(V.copy(), W) < WELL_CONDITIONED**2:
         return
     # A Newton step. All eigenvalues come with the rounding error of the largest; W C V shows what
     # each still lacks, and how much of the other eigenvectors each has in it.
@@ -187,7 +264,7 @@ def decompose(m, place):
         rate[i] = D[i, i]
         for j in range(size):
             gap = D[j, j] - D[i, i]
-            if abs(gap) > noise and abs(D[i, j]) < 1e-3 * abs(gap):
+            if _size(gap) > noise * noise and _size(D[i, j]) < 1e-6 * _size(gap):
                 X[i, j] = D[i, j] / gap
     V += _product(V, X)
     W -= _product(X, W)
@@ -195,7 +272,7 @@ def decompose(m, place):
     for _ in range(size):
         k = 0
         for other in range(1, size):
-            if abs(rate[other]) < abs(rate[k]):
+            if _size(rate[other]) < _size(rate[k]):
                 k = other
         value, rate[k] = rate[k], math.inf
         weight = 1  # 2 for a pair: real eigenvectors come real, others are not nearly so, being
@@ -206,6 +283,7 @@ def decompose(m, place):
         value = value if weight == 2 else complex(value.real)
         m.rate[place, kept] = value
         m.inverse[place, kept] = 1.0 / value if value != 0.0 else value
+        m.speed[place, kept] = abs(value)
         for i in range(n):
             m.row[place, kept, i] = m.column[place, i, kept] = 0.0
         for i in range(size):
@@ -223,27 +301,33 @@ def decompose(m, place):
 # --- a piece: its formula ---------------------------------------------------------------------
 
 
-@compiled
+@inlined
+def _integrals(x, t, inverse):
+    """Return (exp(x) - 1) t / x and (exp(x) - 1 - x) t² / x², and exp(x), for x = λt."""
+    if abs(x.real) + abs(x.imag) < 0.5:
+        series = 1.0 + x * (1 / 16)
+        for n in range(15, 2, -1):
+            series = 1.0 + x * (1.0 / n) * series
+        second = 0.5 * t * series
+        first = 1.0 + x / t * second
+        return 1.0 + x * first, t * first, t * second
+    power = np.exp(x)
+    first = (power - 1.0) * inverse
+    return power, first, (first - t) * inverse
+
+
+@inlined
 def integrals(rate, inverse, t):
     """Return exp(λt) and its first and second integral over (0, t), accurate also as λt → 0.
 
     `inverse` is 1/λ.
     """
-    x = rate * t
-    if abs(x.real) + abs(x.imag) < 0.5:
-        if t == 0.0:
-            return 1.0 + 0j, 0j, 0j
-        series = 1.0 + x * (1 / 16)
-        for n in range(15, 2, -1):
-            series = 1.0 + x * (1.0 / n) * series
-        second = 0.5 * t * t * series
-        first = t + rate * second
-        return 1.0 + rate * first, first, second
-    power = complex(math.exp(x.real))
-    if x.imag != 0.0:
-        power = complex(power.real * math.cos(x.imag), power.real * math.sin(x.imag))
-    first = (power - 1.0) * inverse
-    return power, first, (first - t) * inverse
+    if t == 0.0:
+        return 1.0 + 0j, 0j, 0j
+    if rate.imag == 0.0:
+        power, first, second = _integrals(rate.real * t, t, inverse.real)
+        return complex(power), complex(first), complex(second)
+    return _integrals(rate * t, t, inverse)
 
 
 @compiled

@@ -2,9 +2,9 @@
 
 In each mode the system is linear, ż = A z + b, and its guards, linear functions of the state, stay
 within their limits. So a run is a chain of pieces, each in closed form (`armsim.methods.modal`),
-glued where a guard reaches a limit. Nothing is discretised: all that is searched for is the times
-of the events, by steps that are proven not to pass any. The page "How the exact solver works" of
-the book derives every formula, in the order of the functions here.
+glued where a guard reaches a limit (`armsim.methods.arrival`). Nothing is discretised: all that is
+searched for is the times of the events, by steps that are proven not to pass any. The page "How the
+exact solver works" of the book derives the formulas, in the order of these modules' functions.
 """
 
 import math
@@ -14,30 +14,18 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from armsim.methods import modal
-from armsim.methods.modal import TERMS, UNKNOWN, Matrices, compiled
+from armsim.methods import arrival, modal
+from armsim.methods.arrival import Mode
+from armsim.methods.modal import UNKNOWN, Matrices, compiled, inlined
 from armsim.methods.runge_kutta import IntegrationError
 
-#: A sum is known to this many times the sum of its terms' sizes.
-ROUNDING = 16 * float(np.finfo(float).eps)
 #: Pieces by Taylor series with a matrix before its eigenvectors are worth their cost.
 SERIES_FIRST = 1
 #: Events at one time after which the modes are taken to chase each other for ever.
 AT_ONCE = 25
 
-FINISHED, MODES_CHASE, TOO_MANY_EVENTS, TOO_MANY_PIECES, NOT_FINITE = range(5)
-
-
-class Mode(NamedTuple):
-    """Equations and guards of a mode, as `System.equations` fills them in."""
-
-    A: np.ndarray  #: (n, n)
-    b: np.ndarray  #: (n,)
-    normal: np.ndarray  #: (g, n) the guards' values are normal @ z
-    lower: np.ndarray  #: (g,) they stay above this, which may be -inf
-    upper: np.ndarray  #: (g,) and below this, which may be inf
+FINISHED, MODES_CHASE, TOO_MANY_EVENTS, TOO_MANY_PIECES, TOO_MANY_MATRICES, NOT_FINITE = range(6)
 
 
 class Record(NamedTuple):
@@ -45,299 +33,14 @@ class Record(NamedTuple):
 
     status: int  #: `FINISHED` or why not
     start: np.ndarray  #: (p, 1 + 2n) of each piece: time, state, slope
-    label: (
-        np.ndarray
-    )  #: (p, 3) of each piece: mode, place of its matrix, 1 for modal or 0 for series
+    label: np.ndarray  #: (p, 3) of each piece: mode, place of its matrix, 1 modal or 0 series
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     matrices: Matrices
     end: float  #: time that was reached
 
 
-# --- a guard: when it reaches a limit ---------------------------------------------------------
-
-
-class Work(NamedTuple):
-    """Room for the calculation of a piece; n states, g guards."""
-
-    state: np.ndarray  #: (n,) z at the start
-    slope: np.ndarray  #: (n,) ż at the start
-    amplitude: np.ndarray  #: (n,) complex, of each mode in ż
-    taylor: np.ndarray  #: (TERMS, n)
-    value: np.ndarray  #: (g,) of each guard at the start
-    noise: np.ndarray  #: (g,) what the value is known to
-    order: np.ndarray  #: (g,) 0 between the limits; at one, order of the first derivative not zero
-    derivative: np.ndarray  #: (g,) size of that derivative
-    c: np.ndarray  #: (n,) complex, of each mode in the slope of the guard in hand
-    d: np.ndarray  #: (n,) complex, and in the slope of its slope, by way of integrals
-    change: np.ndarray  #: (TERMS,) its Taylor coefficients
-    proof: np.ndarray  #: (5, n + 1) see `_gain_modal`
-
-
-@compiled
-def _times(A, v):
-    product = np.zeros(v.size)
-    for i in range(v.size):
-        for j in range(v.size):
-            product[i] += A[i, j] * v[j]
-    return product
-
-
-@compiled
-def _stand(here, z, w):
-    """Note how each guard stands at the start of a piece; return what leaves, and past which side.
-
-    A guard at a limit leaves or turns inwards as the first of its derivatives says that is not
-    zero to within rounding.
-    """
-    n = z.size
-    for g in range(here.lower.size):
-        lower, upper, value, sizes = here.lower[g], here.upper[g], 0.0, 0.0
-        for i in range(n):
-            value += here.normal[g, i] * z[i]
-            sizes += abs(here.normal[g, i] * z[i])
-        near = upper if abs(upper - value) < abs(value - lower) else lower
-        noise = ROUNDING * (sizes + abs(near)) if math.isfinite(near) else ROUNDING * sizes
-        w.value[g], w.noise[g], w.order[g] = value, noise, 0
-        side = 1 if value >= upper - noise else -1 if value <= lower + noise else 0
-        if side == 0:
-            continue
-        if value > upper + noise or value < lower - noise:
-            return g, side
-        v, size = w.slope, _times(np.abs(here.A), np.abs(z)) + np.abs(here.b)
-        while w.order[g] <= n:
-            w.order[g] += 1
-            derivative = sizes = 0.0
-            for i in range(n):
-                derivative += here.normal[g, i] * v[i]
-                sizes += abs(here.normal[g, i]) * size[i]
-            if abs(derivative) > ROUNDING * sizes:
-                if side * derivative > 0.0:
-                    return g, side
-                break
-            v, size = _times(here.A, v), _times(np.abs(here.A), size)
-        w.derivative[g] = abs(derivative)
-    return -1, 0
-
-
-@compiled
-def _resolve(normal, m, place, by_modes, w):
-    """Set the formula of a guard's value in the piece; return its steady drift."""
-    drift, modes = 0.0, m.modes[place] if by_modes else 0
-    for k in range(modes):
-        w.c[k] = w.d[k] = 0.0
-    if not by_modes:
-        w.change[:] = 0.0
-    for i in range(normal.size):
-        if normal[i] == 0.0:
-            continue
-        integral = m.unit[place, i] == 0.0
-        if not by_modes:
-            for j in range(TERMS):
-                w.change[j] += normal[i] * w.taylor[j, i]
-        elif integral:
-            drift += normal[i] * w.slope[i]
-        for k in range(modes):
-            term = normal[i] * m.column[place, i, k] * w.amplitude[k]
-            if integral:
-                w.d[k] += term
-            else:
-                w.c[k] += term
-    return drift
-
-
-@compiled
-def _gain_modal(rate, inverse, modes, drift, s, rest, w):
-    """Return gain and slope of a guard at `s`, the sizes of its terms, and how far `proof` reaches.
-
-    The gain is drift s + Σ Re(c E₁(λ, s) + d E₂(λ, s)). For the proof, `w.proof` keeps: slope and
-    bound of the second derivative of the k slowest modes together; and of each mode alone, how far
-    it can still lift and lower the guard, and the steady slope that it tends to. `rest` is what
-    remains of the piece.
-    """
-    slope, bend, up, down, steady = w.proof
-    gain, sizes, reach = drift * s, abs(drift * s), rest
-    slope[0], bend[0] = drift, 0.0
-    for k in range(modes):
-        up[k], down[k], steady[k] = math.inf, math.inf, 0.0
-        if w.c[k] == 0.0 and w.d[k] == 0.0:
-            up[k] = down[k] = 0.0
-            slope[k + 1], bend[k + 1] = slope[k], bend[k]
-            continue
-        power, first, second = modal.integrals(rate[k], inverse[k], s)
-        one, two = w.c[k] * first, w.d[k] * second
-        gain += one.real + two.real
-        sizes += abs(one.real) + abs(one.imag) + abs(two.real) + abs(two.imag)
-        slope[k + 1] = slope[k] + (w.c[k] * power + w.d[k] * first).real
-        curvature = (w.c[k] * rate[k] + w.d[k]) * power
-        size = math.sqrt(curvature.real**2 + curvature.imag**2)
-        if rate[k].real > 0.0:
-            reach = min(reach, 1.0 / rate[k].real)
-            size *= math.exp(min(1.0, rate[k].real * rest))
-        elif rate[k] != 0.0:
-            square = inverse[k] * inverse[k]
-            centre = (curvature * square).real
-            radius = size * (inverse[k].real ** 2 + inverse[k].imag ** 2)
-            if rate[k].imag == 0.0:  # it goes straight to its rest, not around it
-                centre, radius = 0.5 * centre, 0.5 * radius
-            up[k], down[k], steady[k] = (
-                radius - centre,
-                radius + centre,
-                -(w.d[k] * inverse[k]).real,
-            )
-        bend[k + 1] = bend[k] + size
-    return gain, slope[modes], sizes, reach
-
-
-@compiled
-def _gain_series(s, end, w):
-    """As `_gain_modal`; all is in one bound of the second derivative, as of no mode at all."""
-    gain = slope = sizes = bend = 0.0
-    for j in range(TERMS - 1, -1, -1):
-        gain = (gain + w.change[j]) * s
-        sizes = (sizes + abs(w.change[j])) * s
-        slope = slope * s + (j + 1) * w.change[j]
-        if j > 0:
-            bend = bend * end + (j + 1) * j * abs(w.change[j])
-    w.proof[0, 0], w.proof[1, 0] = slope, bend
-    return gain, slope, sizes, end - s
-
-
-@compiled
-def _longest(room, slope, bend):
-    """Return the largest u for which slope u + bend u²/2 ≤ room."""
-    if room == math.inf:
-        return math.inf
-    if room <= 0.0:
-        return 0.0
-    root = math.sqrt(slope * slope + 2.0 * bend * room)
-    if slope > 0.0:
-        return 2.0 * room / (slope + root)
-    return (root - slope) / bend if bend > 0.0 else math.inf
-
-
-@compiled
-def _safe_step(above, below, modes, rest, proof):
-    """Longest time for which a guard provably keeps within the room above and below it.
-
-    Each mode is either followed, by its slope and the bound of its second derivative, or boxed, by
-    the farthest that it can move. Boxing the fastest modes, one more at a time, gives as many
-    proofs; the best counts.
-    """
-    slope, bend, up, down, steady = proof
-    step, boxed = 0.0, 0.0
-    for k in range(modes, -1, -1):
-        if k < modes:
-            above, below, boxed = above - up[k], below - down[k], boxed + steady[k]
-            if not (above > 0.0 and below > 0.0):
-                break
-        tilt = slope[k] + boxed
-        longest = min(_longest(above, tilt, bend[k]), _longest(below, -tilt, bend[k]))
-        step = max(step, longest)
-        if step >= rest:
-            break
-    return min(step, rest)
-
-
-@compiled
-def _arrival(m, place, by_modes, drift, value, lower, upper, noise, s, end, w):
-    """First time from `s` to `end` at which a guard reaches a limit, and its side; 0 for none."""
-    modes = m.modes[place] if by_modes else 0
-    step = 0.0
-    while s < end:
-        if by_modes:
-            gain, slope, sizes, reach = _gain_modal(
-                m.rate[place], m.inverse[place], modes, drift, s, end - s, w
-            )
-        else:
-            gain, slope, sizes, reach = _gain_series(s, end, w)
-        g, error = value + gain, noise + ROUNDING * (sizes + abs(slope) * s)
-        if upper - g <= error or g - lower <= error:
-            side = 1 if upper - g <= error else -1
-            room = upper - g if side > 0 else g - lower
-            if abs(room) < side * slope * step:  # one last step, by Newton
-                s += room / abs(slope)
-            return min(s, end), side
-        step = _safe_step(upper - g + error, g - lower + error, modes, reach, w.proof)
-        s += step
-    return end, 0
-
-
-@compiled
-def _clearance(m, place, by_modes, order, derivative, width, end, w):
-    """Time by which a guard that turns inwards is clear of its limit, and not yet at the other.
-
-    In g ≥ |D| uᵒ/o! - bound uᵒ⁺¹/(o+1)! the first derivative D that is not zero, of order o, keeps
-    the upper hand for a while.
-    """
-    bound, u = 0.0, end
-    if by_modes:
-        for k in range(m.modes[place]):
-            rate = m.rate[place, k]
-            size = abs(w.c[k] * rate + w.d[k]) * abs(rate) ** (order - 1)
-            if rate.real > 0.0:
-                u = min(u, 1.0 / rate.real)
-                size *= math.exp(min(1.0, rate.real * end))
-            bound += size
-    else:
-        for j in range(TERMS - 1, order - 1, -1):
-            size = abs(w.change[j])
-            for factor in range(j - order + 1, j + 2):
-                size *= factor
-            bound = bound * end + size
-    if derivative == 0.0 and bound == 0.0:
-        return u
-    if order > w.slope.size:  # none is known from zero: go on a little, and look again
-        return min(u, 1e-3 * m.reach[place])
-    factorial = 1.0
-    for factor in range(2, order + 1):
-        factorial *= factor
-    if bound > 0.0:
-        u = min(u, 0.5 * (order + 1) * derivative / bound)
-    return min(u, (factorial * width / (3.0 * derivative)) ** (1.0 / order))
-
-
 # --- a run ------------------------------------------------------------------------------------
-
-
-@compiled
-def _first_arrival(here, m, place, by_modes, end, w):
-    """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side."""
-    first, side = -1, 0
-    for g in range(here.lower.size):
-        lower, upper, begin = here.lower[g], here.upper[g], 0.0
-        drift = _resolve(here.normal[g], m, place, by_modes, w)
-        if not by_modes:
-            farthest = 0.0
-            for j in range(TERMS - 1, -1, -1):
-                farthest = (farthest + abs(w.change[j])) * end
-            if lower + farthest < w.value[g] < upper - farthest:
-                continue
-        if w.order[g] > 0:
-            begin = _clearance(
-                m, place, by_modes, w.order[g], w.derivative[g], upper - lower, end, w
-            )
-        s, hit = _arrival(
-            m, place, by_modes, drift, w.value[g], lower, upper, w.noise[g], begin, end, w
-        )
-        if hit != 0:
-            end, first, side = s, g, hit
-    return end, first, side
-
-
-@compiled
-def _put_at_limit(normal, limit, z):
-    """Remove the rounding error of a guard that has just reached its limit.
-
-    Each state changes in proportion to its share in the guard; a zero stays zero.
-    """
-    excess, total = -limit, 0.0
-    for i in range(z.size):
-        excess += normal[i] * z[i]
-        total += (normal[i] * z[i]) ** 2
-    if total > 0.0:
-        for i in range(z.size):
-            z[i] -= excess * normal[i] * z[i] ** 2 / total
 
 
 @compiled
@@ -347,7 +50,7 @@ def _run_piece(here, m, place, h, z, w):
     Where a guard leaves at once, the length is 0.
     """
     n = z.size
-    guard, side = _stand(here, z, w)
+    guard, side = arrival.stand(here, z, w)
     if guard >= 0:
         return 0.0, guard, side
     if m.modes[place] == UNKNOWN and m.pieces[place] >= SERIES_FIRST:
@@ -359,32 +62,15 @@ def _run_piece(here, m, place, h, z, w):
         m.pieces[place] += 1
         modal.set_taylor(here.A, w.slope, w.taylor)
         h = min(h, m.reach[place])
-    h, guard, side = _first_arrival(here, m, place, by_modes, h, w)
+    h, guard, side = arrival.first_arrival(here, m, place, by_modes, h, w)
     for i in range(n):
         w.state[i] = z[i]
     modal.advance(m, place, by_modes, w.state, w.slope, w.amplitude, w.taylor, h, z)
     if guard >= 0:
-        _put_at_limit(here.normal[guard], here.upper[guard] if side > 0 else here.lower[guard], z)
+        arrival.put_at_limit(
+            here.normal[guard], here.upper[guard] if side > 0 else here.lower[guard], z
+        )
     return h, guard, side
-
-
-@compiled
-def _work_room(n, guards):
-    number = np.complex128
-    return Work(
-        np.empty(n),
-        np.empty(n),
-        np.empty(n, number),
-        np.empty((TERMS, n)),
-        np.empty(guards),
-        np.empty(guards),
-        np.empty(guards, np.int64),
-        np.empty(guards),
-        np.empty(n, number),
-        np.empty(n, number),
-        np.empty(TERMS),
-        np.empty((5, n + 1)),
-    )
 
 
 @compiled
@@ -396,21 +82,9 @@ def _longer(rows):
     return longer
 
 
-@compiled
-def _set_slope(here, z, slope):
-    """Set `slope` to A z + b; return whether it is finite."""
-    finite = True
-    for i in range(z.size):
-        slope[i] = here.b[i]
-        for j in range(z.size):
-            slope[i] += here.A[i, j] * z[j]
-        finite = finite and math.isfinite(slope[i])
-    return finite
-
-
 # Inlined into its caller: so its caller's machine code holds no address of `equations` and
 # `successor`, and numba can keep it on disk.
-@njit(fastmath={"contract"}, error_model="numpy", nogil=True, forceinline=True)
+@inlined
 def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, limits):
     """Run a piecewise-affine system: what `System.solve` calls, for use in other compiled code.
 
@@ -443,7 +117,7 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
         np.empty(sizes[0]),
         np.empty(sizes[0]),
     )
-    m, w = modal.room_for(sizes[1], n), _work_room(n, sizes[0])
+    m, w = modal.room_for(sizes[1], n), arrival.work_room(n, sizes[0])
     start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 3), np.int64)
     event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
     pieces = events = at_once = known = interval = place = 0
@@ -457,7 +131,10 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
             equations(mode, inputs[interval], constants, here)
             place = modal.find(here.A, m, known)
             known, new = max(known, place + 1), False
-        if not _set_slope(here, z, w.slope):
+            if place < 0:
+                status = TOO_MANY_MATRICES
+                break
+        if not arrival.set_slope(here, z, w.slope):
             status = NOT_FINITE
             break
         if pieces == limits[1]:
@@ -493,7 +170,7 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
 def sample(record, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
     n, last, m = out.shape[0], -1, record.matrices
-    w = _work_room(n, 0)
+    w = arrival.work_room(n, 0)
     for j in range(times.size):
         piece = _piece_at(record, times[j])
         place, by_modes = record.label[piece, 1], record.label[piece, 2] == 1
@@ -564,14 +241,15 @@ class ExactSolution:
         ValueError
             If a time lies outside the run.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-        outside = ~((times >= self.start) & (times <= self.end))
-        if outside.any():
-            raise ValueError(
-                f"t = {times[outside][0]} is outside the run; allowed is {self.start} to {self.end}"
-            )
+        start, end = self.start, self.end
+        if isinstance(t, float) and start <= t <= end:  # without the detours of arrays
+            return self.states(self.record, np.array([t]))[:, 0]
+        times = np.array(t, dtype=float, ndmin=1)
+        for time in (times.min(initial=start), times.max(initial=end)):
+            if not start <= time <= end:
+                raise ValueError(f"t = {time} is outside the run; allowed is {start} to {end}")
         states = self.states(self.record, times)
-        return states[:, 0] if np.ndim(t) == 0 else states
+        return states if np.ndim(t) else states[:, 0]
 
     @property
     def start(self) -> float:
@@ -624,6 +302,7 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
         "slide is missing",
         TOO_MANY_EVENTS: f"more than {len(record.event) - 1} events",
         TOO_MANY_PIECES: f"more than {len(record.start)} pieces",
+        TOO_MANY_MATRICES: f"more than {len(record.matrices.reach)} different matrices",
         NOT_FINITE: "the solution is not finite",
     }[record.status]
     raise IntegrationError(

@@ -108,7 +108,7 @@ def integrate(
 
     Raises
     ------
-    ValueError
+    ValueError, TypeError
         If an argument is out of range; the message names it, its value and what is allowed.
     IntegrationError
         If the solution blows up, reaches zero in the exponential form, or needs steps too small
@@ -121,6 +121,8 @@ def integrate(
     >>> print(f"{run.y[0, -1]:.8f} after {run.nfev} evaluations")
     0.36787944 after 70 evaluations
     """
+    if not isinstance(tableau, Tableau):
+        raise TypeError(f"tableau = {tableau!r}: a Tableau is needed, such as tableaux.RK6")
     start, end, y0 = _checked_problem(t_span, y0)
     s = _checked_shift(shift, y0, form)
     if step_size is None:
