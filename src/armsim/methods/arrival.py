@@ -110,9 +110,10 @@ def stand(here, z, w):
     A guard at a limit leaves or turns inwards as the first of its derivatives says that is not
     zero to within rounding.
     """
+    n = z.size
     for g in range(here.lower.size):
         lower, upper, value, sizes = here.lower[g], here.upper[g], 0.0, 0.0
-        for i in range(z.size):
+        for i in range(n):
             value += here.normal[g, i] * z[i]
             sizes += abs(here.normal[g, i] * z[i])
         near = upper if abs(upper - value) < abs(value - lower) else lower
@@ -123,40 +124,20 @@ def stand(here, z, w):
             continue
         if value > upper + noise or value < lower - noise:
             return g, side
-        derivative = _first_derivative(g, here, z, w)
+        v, size = w.slope, _times(np.abs(here.A), np.abs(z)) + np.abs(here.b)
+        while w.order[g] <= n:
+            w.order[g] += 1
+            derivative = sizes = 0.0
+            for i in range(n):
+                derivative += here.normal[g, i] * v[i]
+                sizes += abs(here.normal[g, i]) * size[i]
+            if abs(derivative) > ROUNDING * sizes:
+                if side * derivative > 0.0:
+                    return g, side
+                break
+            v, size = _times(here.A, v), _times(np.abs(here.A), size)
         w.derivative[g] = abs(derivative)
-        if side * derivative > 0.0:
-            return g, side
     return -1, 0
-
-
-@inlined
-def _first_derivative(g, here, z, w):
-    """First derivative of a guard that is not zero to within rounding; sets its order."""
-    n = z.size
-    derivative = sizes = 0.0
-    for i in range(n):
-        if here.normal[g, i] != 0.0:
-            derivative += here.normal[g, i] * w.slope[i]
-            size = abs(here.b[i])
-            for j in range(n):
-                size += abs(here.A[i, j] * z[j])
-            sizes += abs(here.normal[g, i]) * size
-    w.order[g] = 1
-    if abs(derivative) > ROUNDING * sizes:
-        return derivative
-    v, size_of_A = w.slope, np.abs(here.A)
-    size_of_v = _times(size_of_A, np.abs(z)) + np.abs(here.b)
-    while w.order[g] <= n:
-        w.order[g] += 1
-        v, size_of_v = _times(here.A, v), _times(size_of_A, size_of_v)
-        derivative = sizes = 0.0
-        for i in range(n):
-            derivative += here.normal[g, i] * v[i]
-            sizes += abs(here.normal[g, i]) * size_of_v[i]
-        if abs(derivative) > ROUNDING * sizes:
-            return derivative
-    return 0.0
 
 
 @inlined
@@ -293,7 +274,7 @@ def _safe_step(above, below, modes, rest, proof):
             return rest
         if step > best:
             best, best_above, best_below, tilt, followed = step, above, below, total, k
-    farther = 10.0 * best
+    farther = 4.0 * best
     more, curve = proof[TWIST, followed] * farther / 3.0, proof[CURVE, followed]
     step = min(
         _longest(best_above, tilt, max(0.0, more + curve)),
@@ -346,8 +327,10 @@ def _clearance(g, m, place, by_modes, width, end, w):
             for factor in range(j - order + 1, j + 2):
                 size *= factor
             bound = bound * end + size
-    if derivative == 0.0:  # it does not move; or none is known from zero: go on, and look again
-        return u if bound == 0.0 else min(u, 1e-3 * m.reach[place])
+    if derivative == 0.0 and bound == 0.0:
+        return u
+    if order > w.slope.size:  # none is known from zero: go on a little, and look again
+        return min(u, 1e-3 * m.reach[place])
     factorial = 1.0
     for factor in range(2, order + 1):
         factorial *= factor

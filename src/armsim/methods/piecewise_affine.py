@@ -20,6 +20,8 @@ from armsim.methods.arrival import Mode
 from armsim.methods.modal import UNKNOWN, Matrices, compiled, inlined
 from armsim.methods.runge_kutta import IntegrationError
 
+#: Pieces by Taylor series with a matrix before its eigenvectors are worth their cost.
+SERIES_FIRST = 1
 #: Events at one time after which the modes are taken to chase each other for ever.
 AT_ONCE = 25
 
@@ -51,12 +53,13 @@ def _run_piece(here, m, place, h, z, w):
     guard, side = arrival.stand(here, z, w)
     if guard >= 0:
         return 0.0, guard, side
-    if m.modes[place] == UNKNOWN:
+    if m.modes[place] == UNKNOWN and m.pieces[place] >= SERIES_FIRST:
         modal.decompose(m, place)
     by_modes = m.modes[place] >= 0
     if by_modes:
         modal.set_amplitudes(m, place, w.slope, w.amplitude)
     else:
+        m.pieces[place] += 1
         modal.set_taylor(here.A, w.slope, w.taylor)
         h = min(h, m.reach[place])
     h, guard, side = arrival.first_arrival(here, m, place, by_modes, h, w)
@@ -227,7 +230,7 @@ class ExactSolution:
     states: Callable[[Record, np.ndarray], np.ndarray]  #: from a record and times (k,): (n, k)
     mode_name: Callable[[int], Any] = _itself
     guard_name: Callable[[int], Any] = _itself
-    inputs: Sequence[tuple[float, Any]] = ()  #: from each time on
+    grid: tuple[float, ...] = ()  #: times that `t` has besides the events
     nfev: int = 0  #: no right-hand side is evaluated
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
@@ -277,8 +280,7 @@ class ExactSolution:
     def t(self) -> np.ndarray:
         """Times for a drawing: a thousand equal intervals, the events and the switches of input."""
         even = np.linspace(self.start, self.end, 1001)
-        switches = [time for time, _ in self.inputs if time < self.end]
-        return np.unique(np.concatenate((even, self.record.event_time[:, 0], switches)))
+        return np.unique(np.concatenate((even, self.record.event_time[:, 0], self.grid)))
 
     @cached_property
     def y(self) -> np.ndarray:
@@ -390,8 +392,7 @@ class System:
             raise ValueError(f"t_span = {t_span!r} is not allowed; it must be finite and rise")
         if z.ndim != 1 or not np.isfinite(z).all():
             raise ValueError(f"z0 = {z0!r}: one row of finite numbers is needed")
-        schedule = [(start, 0.0)] if inputs is None else list(inputs)
-        times, values = zip(*schedule, strict=True)
+        times, values = zip(*(inputs or [(start, 0.0)]), strict=True)
         starts = np.array(times, dtype=float)
         if starts[0] != start or not (np.diff(starts) > 0).all():
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
@@ -399,7 +400,7 @@ class System:
             constants, starts, np.array(values, float), end, z, mode, (max_events, 10**6)
         )
         require_finished(record)
-        return ExactSolution(record, end, states, inputs=schedule)
+        return ExactSolution(record, end, states, grid=times)
 
 
 def states(record: Record, times: np.ndarray) -> np.ndarray:
