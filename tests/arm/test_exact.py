@@ -45,10 +45,7 @@ def test_agrees_with_the_reference(file):
     times = np.array([number(sample["t"]) for sample in wanted["samples"]])
     states = np.array([[number(v) for v in sample["y"]] for sample in wanted["samples"]]).T
     largest = np.array([number(v) for v in wanted["y_largest"]])
-    # a gear with hardly any damping that chatters multiplies errors: changing any constant in its
-    # last binary digit moves these runs by up to 4e-12, the others by less than 1e-12
-    bound = 1e-10 if p.b_g < 100 else 1e-11
-    assert np.all(np.abs(run(times) - states).max(axis=1) <= bound * largest)
+    assert np.all(np.abs(run(times) - states).max(axis=1) <= 1e-11 * largest)
 
 
 # --- the equations are those of dynamics ----------------------------------------------------------

@@ -1,5 +1,6 @@
 """Systems whose answers are known in closed form, and the ways in which a run can fail."""
 
+import itertools
 import math
 import re
 from typing import NamedTuple
@@ -9,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from armsim.methods import IntegrationError
+from armsim.methods import IntegrationError, arrival
 from armsim.methods.piecewise_affine import System
 
 
@@ -156,9 +158,9 @@ def test_held_inputs_change_at_their_times():
 # --- guards: no event is missed, none is made up --------------------------------------------------
 
 
-def guarded(A, z0, t_end, limit, inputs=None):
+def guarded(A, z0, t_end, limit, inputs=None, normal=None):
     """The first component has an upper limit; beyond is a mode like this one without it."""
-    zero, first = np.zeros(len(A)), np.eye(len(A))[0]
+    zero, first = np.zeros(len(A)), np.eye(len(A))[0] if normal is None else normal
     modes = [(A, zero, {0: (first, -np.inf, limit)}), (A, zero, {})]
     return solve(modes, z0, t_end, {(0, 0): (1, 1)}, inputs=inputs)
 
@@ -194,6 +196,41 @@ def test_a_start_at_the_limit_whose_third_derivative_decides():
         run = guarded(triple, np.zeros(3), 1.0, 0.0, [(0.0, np.array([0.0, 0.0, push]))])
         assert len(run.events) == count
         assert run(1.0)[0] == pytest.approx(push / 6, rel=1e-14)
+
+
+@pytest.mark.parametrize("distance", [5e-324, 3e-319, 1e-310, 1e-300, 1e-200, 1e-160])
+def test_a_start_at_no_distance_worth_the_name_goes_on(distance):
+    """Numbers whose squares are zero, or that have hardly a digit: what rounding leaves at zero."""
+    run = guarded(CIRCLE, (-distance, -1.0), 3.0, 0.0)
+    assert run.events == ()
+    assert run(1.0)[0] == pytest.approx(-math.sin(1.0), rel=1e-15)
+    (event,) = guarded(CIRCLE, (-distance, 1.0), 3.0, 0.0).events
+    assert event.time == pytest.approx(0.0, abs=1.01 * distance)
+
+
+@pytest.mark.parametrize("scale", [5e-324, 1e-310, 1e-200, 1.0, 1e200])
+def test_a_state_at_its_limit_is_put_there(scale):
+    for normal, limit in ((1.0, 0.0), (-2.0, 0.0), (-2.0, 4 * scale)):
+        z = np.array([1.0, 7 * scale, 0.0])
+        arrival.put_at_limit(np.array([0.0, normal, 4.0]), limit, z)
+        assert z[1] == pytest.approx(limit / normal, rel=4e-16, abs=0)
+        assert (z[0], z[2]) == (1.0, 0.0)
+    z = np.array([3.0, 1e-3])
+    arrival.put_at_limit(np.array([1.0, 1.0]), 3.0, z)
+    assert z.sum() == 3.0 and z[1] == pytest.approx(1e-3, rel=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_a_system_at_rest_at_its_limit_stays_there(seed):
+    """To within rounding, so that no derivative says whether it leaves; and it is not asked for."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(3, 3)) - 4 * np.eye(3)
+    rest, normal = rng.normal(size=3), rng.normal(size=3)
+    modes = [(A, -A @ rest, {0: (normal, -np.inf, normal @ rest)})] * 2
+    run = solve(modes, rest, 100.0, {(0, 0): (1, 1), (1, 0): (1, 1)}, mode=0, max_events=30)
+    assert run.record.label.shape[0] < 50
+    assert run(100.0) == pytest.approx(rest, rel=1e-13)
 
 
 @pytest.mark.parametrize("size", [3e-3, 1e-4, 1e-6])
@@ -297,6 +334,36 @@ def test_a_stick_slip_oscillator_has_its_period(drag, hold, speed):
     assert bottom == pytest.approx([drag, -math.hypot(excess, speed)], rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("frequency", "friction"), [(0.6, 0.5), (0.8, 0.2), (1.3, 0.5), (1.7, 0.2)]
+)
+def test_a_forced_oscillator_with_dry_friction_has_the_amplitude_of_den_hartog(frequency, friction):
+    """x'' + x = cos(ωt) - F sgn x', a steady motion without stops.
+
+    Its amplitude in closed form: J. P. Den Hartog, Forced vibrations with combined Coulomb and
+    viscous friction, Trans. ASME 53 (1931) APM-53-9. The force is the third state.
+    """
+    slides = np.zeros((4, 4))
+    slides[0, 1], slides[1, 0], slides[1, 2] = 1.0, -1.0, 1.0
+    slides[2, 3], slides[3, 2] = frequency, -frequency
+    sticks = slides.copy()
+    sticks[:2] = 0.0
+    push = [0.0, friction, 0.0, 0.0]
+    modes = [
+        (slides, push, {0: ([0, 1, 0, 0], -np.inf, 0.0)}),
+        (sticks, np.zeros(4), {1: ([-1, 0, 1, 0], -friction, friction)}),
+        (slides, np.negative(push), {0: ([0, 1, 0, 0], 0.0, np.inf)}),
+    ]
+    following = {(0, 0): (1, 1), (1, 1): (0, 2), (2, 0): (1, 1)}
+    run = solve(modes, [0, 0, 1.0, 0], 1000 * math.pi / frequency, following, mode=2)
+    dynamic = 1 / (1 - frequency**2)
+    angle = math.pi / frequency
+    lost = friction * math.sin(angle) / (frequency * (1 + math.cos(angle)))
+    last = run.events[-1]
+    assert last.before + last.after == 2  # it turns round without a rest
+    assert abs(run(last.time)[0]) == pytest.approx(math.sqrt(dynamic**2 - lost**2), rel=1e-12)
+
+
 @njit
 def relay(mode, u, constants, out):
     """ẋ = A x + B u, u = -sgn(C x): modes -1 and 1 are the value of C x's sign, 0 is sliding."""
@@ -369,6 +436,33 @@ def test_the_limit_cycle_of_a_third_order_relay_system():
     assert gaps[-1] == pytest.approx(half, rel=1e-12)
 
 
+def test_the_relay_of_piiroinen_and_kuznetsov_slides_many_times_in_a_period():
+    """Their eq. (32), doi 10.1145/1356052.1356054, against DOP853 from switch to switch."""
+    zeta, omega, sigma = 0.05, 25.0, 1.0
+    A = [[-2 * zeta * omega - 1, 1, 0], [-2 * zeta * omega - omega**2, 0, 1], [-(omega**2), 0, 0]]
+    A, B, C = relay_constants(A, [1, -2 * sigma, 1], [1, 0, 0])
+    run = RELAY.solve([0.05, -0.01, 0.1], 1, (0.0, 100.0), constants=(A, B, C))
+    slides, off = A - np.outer(B, C @ A) / (C @ B), 1e-4  # s, off the surface just left
+    for here, there in itertools.pairwise(run.events[-40:]):
+        matrix, push = (slides, 0 * B) if here.after == 0 else (A, -here.after * B)
+
+        def ends(t, z, sliding=here.after == 0):  # the equivalent control is C A z, for C B = 1
+            return abs(C @ A @ z) - 1 if sliding else C @ z
+
+        ends.terminal = True
+        arc = solve_ivp(
+            lambda t, z, matrix=matrix, push=push: matrix @ z + push,
+            (off, 10.0),
+            exact(matrix, push, run(here.time), off),
+            "DOP853",
+            events=ends,
+            rtol=1e-13,
+            atol=1e-15,
+        )
+        assert arc.t_events[0][0] == pytest.approx(there.time - here.time, abs=1e-11)
+        assert arc.y_events[0][0] == pytest.approx(run(there.time), abs=1e-11)
+
+
 # --- failures -----------------------------------------------------------------------------------
 
 
@@ -377,6 +471,15 @@ def test_modes_that_chase_each_other_are_an_error():
     modes = [([[-1]], [1], {0: ([1], -np.inf, 0)}), ([[-1]], [-1], {0: ([1], 0, np.inf)})]
     with pytest.raises(IntegrationError, match=r"t = 1\.0986.*at one time.*guard 0 .* 0 to 1"):
         solve(modes, [2.0], 5.0, {(0, 0): (1, 1), (1, 0): (0, 0)}, mode=1)
+
+
+def test_a_search_without_end_is_an_error():
+    """Four fast oscillators that hardly ever are at the top together."""
+    A = np.zeros((8, 8))
+    for i, factor in enumerate((1.0, math.sqrt(2), math.e, math.pi)):
+        A[2 * i, 2 * i + 1], A[2 * i + 1, 2 * i] = 1e9 * factor, -1e9 * factor
+    with pytest.raises(IntegrationError, match=r"t = 0: no next event found in \d+ steps"):
+        guarded(A, 4 * [0.0, 1.0], 10.0, 4 - 1e-6, None, 4 * [1.0, 0.0])
 
 
 def test_a_solution_that_leaves_all_numbers_is_an_error():

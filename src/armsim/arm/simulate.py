@@ -197,8 +197,8 @@ def simulate(
             f"step_size = {step_size!r} and form = {form!r} are for a Runge-Kutta method; "
             "give one as method, or leave them out"
         )
-    numbers = np.array(constants(p))
-    starts, volts = np.array(schedule).T.copy()
+    numbers, inputs = np.array(constants(p)), np.array(schedule)
+    starts, volts = inputs[:, 0].copy(), inputs[:, 1].copy()
     record = _ready_to_run()(numbers, starts, volts, t_end, state, (MAX_EVENTS, MAX_PIECES))
     require_finished(record, switching.region_of, Region._fields.__getitem__)
     solution = ExactSolution(
@@ -207,7 +207,7 @@ def simulate(
         partial(_states, numbers),
         switching.region_of,
         Region._fields.__getitem__,
-        tuple(start for start in starts.tolist() if start < t_end),
+        schedule,
     )
     return Trajectory(p, schedule, solution)
 
@@ -367,7 +367,7 @@ def _checked(
 
 
 def _checked_schedule(set_velocity: SetVelocity) -> Schedule:
-    if isinstance(set_velocity, float | Real | str):
+    if isinstance(set_velocity, (float, Real, str)):  # a union would be made at every call
         return ((0.0, _checked_number("set_velocity", set_velocity)),)
     schedule: list[tuple[float, float]] = []
     for n, entry in enumerate(set_velocity):

@@ -19,6 +19,12 @@ from armsim.methods.modal import TERMS, compiled, inlined
 SLOPE, CURVE, BEND, TWIST, UP, DOWN, STEADY = range(7)
 #: A sum is known to this many times the sum of its terms' sizes.
 ROUNDING = 16 * float(np.finfo(float).eps)
+#: Numbers below this have fewer digits than others; to a guard they are zero.
+TINY = float(np.finfo(float).tiny / np.finfo(float).eps)
+#: A search of more steps than these, a second or two of computing, is given up.
+MAX_SEARCH = 10_000_000
+#: In place of a guard: the search was given up.
+GIVEN_UP = -2
 
 
 class Mode(NamedTuple):
@@ -110,34 +116,53 @@ def stand(here, z, w):
     A guard at a limit leaves or turns inwards as the first of its derivatives says that is not
     zero to within rounding.
     """
-    n = z.size
     for g in range(here.lower.size):
         lower, upper, value, sizes = here.lower[g], here.upper[g], 0.0, 0.0
-        for i in range(n):
+        for i in range(z.size):
             value += here.normal[g, i] * z[i]
             sizes += abs(here.normal[g, i] * z[i])
         near = upper if abs(upper - value) < abs(value - lower) else lower
-        noise = ROUNDING * (sizes + abs(near)) if math.isfinite(near) else ROUNDING * sizes
+        noise = ROUNDING * (sizes + abs(near) if math.isfinite(near) else sizes) + TINY
         w.value[g], w.noise[g], w.order[g] = value, noise, 0
         side = 1 if value >= upper - noise else -1 if value <= lower + noise else 0
         if side == 0:
             continue
         if value > upper + noise or value < lower - noise:
             return g, side
-        v, size = w.slope, _times(np.abs(here.A), np.abs(z)) + np.abs(here.b)
-        while w.order[g] <= n:
-            w.order[g] += 1
-            derivative = sizes = 0.0
-            for i in range(n):
-                derivative += here.normal[g, i] * v[i]
-                sizes += abs(here.normal[g, i]) * size[i]
-            if abs(derivative) > ROUNDING * sizes:
-                if side * derivative > 0.0:
-                    return g, side
-                break
-            v, size = _times(here.A, v), _times(np.abs(here.A), size)
+        derivative = _first_derivative(g, here, z, w)
         w.derivative[g] = abs(derivative)
+        if side * derivative > 0.0:
+            return g, side
     return -1, 0
+
+
+@inlined
+def _first_derivative(g, here, z, w):
+    """First derivative of a guard that is not zero to within rounding; sets its order."""
+    n = z.size
+    derivative = sizes = 0.0
+    for i in range(n):
+        if here.normal[g, i] != 0.0:
+            derivative += here.normal[g, i] * w.slope[i]
+            size = abs(here.b[i])
+            for j in range(n):
+                size += abs(here.A[i, j] * z[j])
+            sizes += abs(here.normal[g, i]) * size
+    w.order[g] = 1
+    if abs(derivative) > ROUNDING * sizes:
+        return derivative
+    v, size_of_A = w.slope, np.abs(here.A)
+    size_of_v = _times(size_of_A, np.abs(z)) + np.abs(here.b)
+    while w.order[g] <= n:
+        w.order[g] += 1
+        v, size_of_v = _times(here.A, v), _times(size_of_A, size_of_v)
+        derivative = sizes = 0.0
+        for i in range(n):
+            derivative += here.normal[g, i] * v[i]
+            sizes += abs(here.normal[g, i]) * size_of_v[i]
+        if abs(derivative) > ROUNDING * sizes:
+            return derivative
+    return 0.0
 
 
 @inlined
@@ -327,10 +352,8 @@ def _clearance(g, m, place, by_modes, width, end, w):
             for factor in range(j - order + 1, j + 2):
                 size *= factor
             bound = bound * end + size
-    if derivative == 0.0 and bound == 0.0:
-        return u
-    if order > w.slope.size:  # none is known from zero: go on a little, and look again
-        return min(u, 1e-3 * m.reach[place])
+    if derivative == 0.0:  # none is known from zero
+        return u if _rests(g, m, place, by_modes, u, w) else min(u, 1e-3 * m.reach[place])
     factorial = 1.0
     for factor in range(2, order + 1):
         factorial *= factor
@@ -340,11 +363,25 @@ def _clearance(g, m, place, by_modes, width, end, w):
 
 
 @compiled
+def _rests(g, m, place, by_modes, end, w):
+    """Whether a guard provably keeps where it is, to within rounding."""
+    farthest = abs(w.drift[g]) * end
+    for k in range(m.modes[place] if by_modes else 0):
+        if m.rate[place, k].real <= 0.0 and m.rate[place, k] != 0.0:
+            farthest += 2.0 * w.radius[g, k] + abs(w.d[g, k] * m.inverse[place, k]) * end
+        elif w.size[g, k] > 0.0 or w.c[g, k] != 0.0:
+            return False
+    for j in range(0 if by_modes else TERMS):
+        farthest += abs(w.change[g, j]) * end ** (j + 1)
+    return farthest <= w.noise[g]
+
+
+@compiled
 def first_arrival(here, m, place, by_modes, end, w):
     """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side.
 
     The proof is carried on for the guard for which it goes least far, until it goes to the end or
-    to the first arrival for all.
+    to the first arrival for all. After `MAX_SEARCH` steps it is `GIVEN_UP`.
     """
     guards = here.lower.size
     for g in range(guards):
@@ -361,7 +398,7 @@ def first_arrival(here, m, place, by_modes, end, w):
             if lower + farthest < w.value[g] < upper - farthest:
                 w.proven[g] = end
     first, side = -1, 0
-    while True:
+    for _ in range(MAX_SEARCH):
         g = 0
         for other in range(1, guards):
             if w.proven[other] < w.proven[g]:
@@ -371,6 +408,7 @@ def first_arrival(here, m, place, by_modes, end, w):
         hit = _prove(g, m, place, by_modes, here.lower[g], here.upper[g], end, w)
         if hit != 0:
             end, first, side = w.proven[g], g, hit
+    return 0.0, GIVEN_UP, 0
 
 
 @compiled
@@ -379,10 +417,14 @@ def put_at_limit(normal, limit, z):
 
     Each state changes in proportion to its share in the guard; a zero stays zero.
     """
-    excess, total = -limit, 0.0
+    excess, largest, total = -limit, 0.0, 0.0
     for i in range(z.size):
         excess += normal[i] * z[i]
-        total += (normal[i] * z[i]) ** 2
-    if total > 0.0:
-        for i in range(z.size):
-            z[i] -= excess * normal[i] * z[i] ** 2 / total
+        largest = max(largest, abs(normal[i] * z[i]))
+    if largest == 0.0:
+        return
+    for i in range(z.size):  # relative to the largest, since squares of tiny numbers are zero
+        total += (normal[i] * z[i] / largest) ** 2
+    for i in range(z.size):
+        if normal[i] != 0.0:
+            z[i] -= excess * (normal[i] * z[i] / largest) ** 2 / total / normal[i]

@@ -11,8 +11,10 @@ compiled, and made for matrices of some ten rows.
 import math
 from typing import NamedTuple
 
+import llvmlite.binding  # type: ignore[import-untyped]
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import get_cython_function_address
 
 _OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 compiled = njit(**_OPTIONS)
@@ -32,8 +34,7 @@ class Matrices(NamedTuple):
 
     A: np.ndarray  #: (k, n, n)
     unit: np.ndarray  #: (k, n) units of the states that balance it; 0 where no derivative feels one
-    reach: np.ndarray  #: (k,) 1/‖A‖ in these units: how far the Taylor series goes
-    pieces: np.ndarray  #: (k,) number of pieces made by Taylor series
+    reach: np.ndarray  #: (k,) how far the Taylor series goes, in these units
     modes: np.ndarray  #: (k,) number of modes kept; or `UNKNOWN`, `DEFECTIVE`
     rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair the one with positive part
     inverse: np.ndarray  #: (k, n) complex 1/λ
@@ -50,7 +51,6 @@ def room_for(k, n):
         np.empty((k, n, n)),
         np.empty((k, n)),
         np.empty(k),
-        np.empty(k, np.int64),
         np.empty(k, np.int64),
         np.empty((k, n), number),
         np.empty((k, n), number),
@@ -118,7 +118,7 @@ def find(A, m, count):
         for j in range(n):
             m.A[count, i, j] = A[i, j]
     m.reach[count] = 1.0 / _balance(A, m.unit[count])
-    m.pieces[count], m.modes[count] = 0, UNKNOWN
+    m.modes[count] = UNKNOWN
     return count
 
 
@@ -193,8 +193,51 @@ def _part(C, rows, columns):
     return part
 
 
+# LAPACK's solver for real matrices, from SciPy. Numba's np.linalg.eig takes complex ones only where
+# eigenvalues are complex, at twice the cost.
+llvmlite.binding.add_symbol(
+    "armsim_dgeev", get_cython_function_address("scipy.linalg.cython_lapack", "dgeev")
+)
+_integers, _numbers = types.CPointer(types.int32), types.CPointer(types.float64)
+_dgeev = types.ExternalFunction(
+    "armsim_dgeev",
+    types.void(
+        *(_integers, _integers, _integers, _numbers, _integers, _numbers, _numbers),
+        *(_numbers, _integers, _numbers, _integers, _numbers, _integers, _integers),
+    ),
+)
+
+
 @compiled
-def _eigen(C, rate, V):
+def eigen(A):
+    """Eigenvalues (n,) and eigenvectors (n, n) of a real matrix, both complex; and if it failed."""
+    n = A.shape[0]
+    # Two arrays for all that LAPACK reads and writes. Both are read after the call, for numba would
+    # free what is not. The letters N and V, no left but right eigenvectors, are first bytes.
+    whole = np.array([78, 86, n, 1, 8 * n, 0], np.int32)
+    left, right, size, one, length, info = 0, 1, 2, 3, 4, 5
+    real = np.empty(2 * n * n + 10 * n)
+    matrix, v, w = real, real[n * n :], real[2 * n * n :]
+    for i in range(n):
+        for j in range(n):
+            matrix[j * n + i] = A[i, j]
+    _dgeev(
+        whole[left:].ctypes, whole[right:].ctypes, whole[size:].ctypes, matrix.ctypes,
+        whole[size:].ctypes, w.ctypes, w[n:].ctypes, v.ctypes, whole[one:].ctypes, v.ctypes,
+        whole[size:].ctypes, w[2 * n :].ctypes, whole[length:].ctypes, whole[info:].ctypes,
+    )  # fmt: skip
+    rate, V = np.empty(n, np.complex128), np.empty((n, n), np.complex128)
+    for k in range(n):
+        rate[k] = complex(w[k], w[n + k])
+        first = k if w[n + k] >= 0.0 else k - 1  # a pair comes as real and imaginary part
+        for i in range(n):
+            imaginary = v[(first + 1) * n + i] if w[n + k] != 0.0 else 0.0
+            V[i, k] = complex(v[first * n + i], imaginary if w[n + k] >= 0.0 else -imaginary)
+    return rate, V, whole[info] != 0
+
+
+@compiled
+def _blockwise(C, rate, V):
     """Eigenvalues and eigenvectors of `C`, block by block; return whether they could be found.
 
     States that act on each other in a circle make a block. Its eigenvectors go on into the states
@@ -215,9 +258,9 @@ def _eigen(C, rate, V):
         if block[0] < first:
             continue
         driven = _indices(acts[:, first] & ~acts[first, :])
-        values, vectors = np.array([C[first, first]]), np.ones((1, 1), np.complex128)
-        if block.size > 1:
-            values, vectors = np.linalg.eig(_part(C, block, block))
+        values, vectors, failed = eigen(_part(C, block, block).real)
+        if failed:
+            return False
         drive = _product(_part(C, driven, block), vectors)
         inverse = np.empty((driven.size, driven.size), np.complex128)
         for k in range(block.size):
@@ -254,7 +297,7 @@ def decompose(m, place):
         for j in range(size):
             C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
     m.modes[place] = DEFECTIVE
-    if not _eigen(C, rate, V) or not _invert(V.copy(), W) < WELL_CONDITIONED**2:
+    if not _blockwise(C, rate, V) or not _invert(V.copy(), W) < WELL_CONDITIONED**2:
         return
     # A Newton step. All eigenvalues come with the rounding error of the largest; W C V shows what
     # each still lacks, and how much of the other eigenvectors each has in it.

@@ -20,12 +20,18 @@ from armsim.methods.arrival import Mode
 from armsim.methods.modal import UNKNOWN, Matrices, compiled, inlined
 from armsim.methods.runge_kutta import IntegrationError
 
-#: Pieces by Taylor series with a matrix before its eigenvectors are worth their cost.
-SERIES_FIRST = 1
 #: Events at one time after which the modes are taken to chase each other for ever.
 AT_ONCE = 25
 
-FINISHED, MODES_CHASE, TOO_MANY_EVENTS, TOO_MANY_PIECES, TOO_MANY_MATRICES, NOT_FINITE = range(6)
+(
+    FINISHED,
+    MODES_CHASE,
+    TOO_MANY_EVENTS,
+    TOO_MANY_PIECES,
+    TOO_MANY_MATRICES,
+    NOT_FINITE,
+    SEARCH_TOO_LONG,
+) = range(7)
 
 
 class Record(NamedTuple):
@@ -47,22 +53,23 @@ class Record(NamedTuple):
 def _run_piece(here, m, place, h, z, w):
     """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
 
-    Where a guard leaves at once, the length is 0.
+    Where a guard leaves at once, or the search for the next is given up, the length is 0.
     """
     n = z.size
     guard, side = arrival.stand(here, z, w)
     if guard >= 0:
         return 0.0, guard, side
-    if m.modes[place] == UNKNOWN and m.pieces[place] >= SERIES_FIRST:
+    if m.modes[place] == UNKNOWN:
         modal.decompose(m, place)
     by_modes = m.modes[place] >= 0
     if by_modes:
         modal.set_amplitudes(m, place, w.slope, w.amplitude)
     else:
-        m.pieces[place] += 1
         modal.set_taylor(here.A, w.slope, w.taylor)
         h = min(h, m.reach[place])
     h, guard, side = arrival.first_arrival(here, m, place, by_modes, h, w)
+    if guard == arrival.GIVEN_UP:
+        return h, guard, side
     for i in range(n):
         w.state[i] = z[i]
     modal.advance(m, place, by_modes, w.state, w.slope, w.amplitude, w.taylor, h, z)
@@ -146,6 +153,9 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
         for i in range(n):
             start[pieces, 1 + i], start[pieces, 1 + n + i] = z[i], w.slope[i]
         h, guard, side = _run_piece(here, m, place, until - t, z, w)
+        if guard == arrival.GIVEN_UP:
+            status = SEARCH_TOO_LONG
+            break
         if h > 0.0:
             label[pieces, 0], label[pieces, 1], label[pieces, 2] = mode, place, m.modes[place] >= 0
             pieces += 1
@@ -230,7 +240,7 @@ class ExactSolution:
     states: Callable[[Record, np.ndarray], np.ndarray]  #: from a record and times (k,): (n, k)
     mode_name: Callable[[int], Any] = _itself
     guard_name: Callable[[int], Any] = _itself
-    grid: tuple[float, ...] = ()  #: times that `t` has besides the events
+    inputs: Sequence[tuple[float, Any]] = ()  #: from each time on
     nfev: int = 0  #: no right-hand side is evaluated
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
@@ -280,7 +290,8 @@ class ExactSolution:
     def t(self) -> np.ndarray:
         """Times for a drawing: a thousand equal intervals, the events and the switches of input."""
         even = np.linspace(self.start, self.end, 1001)
-        return np.unique(np.concatenate((even, self.record.event_time[:, 0], self.grid)))
+        switches = [time for time, _ in self.inputs if time < self.end]
+        return np.unique(np.concatenate((even, self.record.event_time[:, 0], switches)))
 
     @cached_property
     def y(self) -> np.ndarray:
@@ -304,6 +315,7 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
         TOO_MANY_PIECES: f"more than {len(record.start)} pieces",
         TOO_MANY_MATRICES: f"more than {len(record.matrices.reach)} different matrices",
         NOT_FINITE: "the solution is not finite",
+        SEARCH_TOO_LONG: f"no next event found in {arrival.MAX_SEARCH} steps of search",
     }[record.status]
     raise IntegrationError(
         f"exact solution stopped at t = {record.end:.12g}: {reason}"
@@ -392,7 +404,8 @@ class System:
             raise ValueError(f"t_span = {t_span!r} is not allowed; it must be finite and rise")
         if z.ndim != 1 or not np.isfinite(z).all():
             raise ValueError(f"z0 = {z0!r}: one row of finite numbers is needed")
-        times, values = zip(*(inputs or [(start, 0.0)]), strict=True)
+        schedule = [(start, 0.0)] if inputs is None else list(inputs)
+        times, values = zip(*schedule, strict=True)
         starts = np.array(times, dtype=float)
         if starts[0] != start or not (np.diff(starts) > 0).all():
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
@@ -400,7 +413,7 @@ class System:
             constants, starts, np.array(values, float), end, z, mode, (max_events, 10**6)
         )
         require_finished(record)
-        return ExactSolution(record, end, states, grid=times)
+        return ExactSolution(record, end, states, inputs=schedule)
 
 
 def states(record: Record, times: np.ndarray) -> np.ndarray:
