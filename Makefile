@@ -73,6 +73,8 @@ forget:
 	@rm -f $(STALE) $(STALE:.ipynb=.json) $(STALE:.ipynb=-*)
 
 check: book
+	@echo 'Comparing what was built with what is expected'
+	@$(BIN)/armsim check
 	@echo 'Checking style and types'
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .

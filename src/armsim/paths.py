@@ -3,8 +3,12 @@
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent
+_CHECKOUT = _PACKAGE.parents[1]
 
 #: The folder ``data`` of the repository, or its copy in an installed wheel.
-DATA = next(
-    folder for folder in (_PACKAGE / "data", _PACKAGE.parents[1] / "data") if folder.is_dir()
-)
+DATA = next(folder for folder in (_PACKAGE / "data", _CHECKOUT / "data") if folder.is_dir())
+
+# These exist in a checkout only, the results only once they are built.
+NOTEBOOKS = _CHECKOUT / "notebooks"
+RESULTS = _CHECKOUT / "book" / "results"
+MATHJAX = _CHECKOUT / "book" / "_static" / "mathjax" / "tex-svg-full.js"

@@ -90,11 +90,6 @@ def test_failure_of_a_first_run_leaves_nothing(notebook, tmp_path):
     assert contents(tmp_path / "results") == {}
 
 
-def test_unknown_parameter_is_refused(notebook, tmp_path):
-    with pytest.raises(ValueError, match="'length': 50_trial has only size"):
-        execute(notebook(STUDY), tmp_path / "results", {"length": 1})
-
-
 def test_file_that_is_no_notebook_is_named(tmp_path):
     path = tmp_path / "50_trial.ipynb"
     path.write_text("no JSON")

@@ -58,10 +58,24 @@ def test_value_that_is_none_is_refused(study, glued, value):
     assert not (study.results / "20_topic.json").exists()
 
 
+def test_tolerance_may_be_relative_or_absent(study):
+    study.record("share", 1.5, relative=np.float64(0.1))
+    study.record("time", 1.5, unit="s", compared=False)
+    kept = json.loads((study.results / "20_topic.json").read_text())
+    assert kept["share"] == {"value": 1.5, "unit": None, "tolerance": None, "relative": 0.1}
+    assert kept["time"] == {"value": 1.5, "unit": "s", "tolerance": None, "compared": False}
+
+
 @pytest.mark.parametrize("tolerance", [-1, np.nan, "1"])
-def test_tolerance_that_is_none_is_refused(study, tolerance):
+@pytest.mark.parametrize("kind", ["tolerance", "relative"])
+def test_tolerance_that_is_none_is_refused(study, kind, tolerance):
     with pytest.raises(ValueError, match=r"tolerance of speed = .* >= 0"):
-        study.record("speed", 1.0, tolerance=tolerance)
+        study.record("speed", 1.0, **{kind: tolerance})
+
+
+def test_tolerance_is_not_absolute_and_relative(study):
+    with pytest.raises(ValueError, match="tolerance of speed: absolute or relative, not both"):
+        study.record("speed", 1.0, tolerance=1, relative=1)
 
 
 @pytest.mark.parametrize("name", ["", "1st", "a b", "a:b", "ü", None])

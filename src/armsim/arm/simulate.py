@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from numbers import Real
 
@@ -15,6 +15,7 @@ import numpy as np
 from armsim.arm import switching
 from armsim.arm.dynamics import Constants, Region, auxiliary_variables, constants, region, rhs
 from armsim.arm.parameters import AxisParameters
+from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
 from armsim.methods.piecewise_affine import Event, ExactSolution, Record, require_finished
 from armsim.methods.runge_kutta import Form, IntegrationError, integrate
 from armsim.methods.tableaux import Tableau
@@ -36,6 +37,7 @@ class Trajectory:
     parameters: AxisParameters
     schedule: Schedule  #: set velocity: volts from each time on
     solution: "ExactSolution | Steps"
+    control: SlaveControl | None = None  #: what put the set velocity out, if anything did
 
     @property
     def t(self) -> np.ndarray:
@@ -139,9 +141,10 @@ class Steps:
 
 def simulate(
     p: AxisParameters,
-    set_velocity: SetVelocity = 10.0,
+    set_velocity: SetVelocity | None = None,
     t_end: float = 1.0,
     *,
+    control: SlaveControl | None = None,
     method: Tableau | None = None,
     step_size: float | None = None,
     form: Form = "additive",
@@ -153,11 +156,14 @@ def simulate(
     ----------
     p : AxisParameters
         The axis.
-    set_velocity : float or sequence of (time, volts)
+    set_velocity : float or sequence of (time, volts), optional
         Input U: constant, or piecewise constant with each value from its time (s, rising, not
-        negative) on, and 0 V before the first. Every method changes it exactly at its times.
+        negative) on, and 0 V before the first. Every method changes it exactly at its times. Left
+        out, it is 10 V, or what `control` puts out.
     t_end : float
         End of the run in s.
+    control : SlaveControl, optional
+        Slave control unit that closes the loop. What it has put out is the run's `schedule`.
     method : Tableau, optional
         Runge-Kutta method. Left out, the run is exact up to rounding: linear pieces are solved in
         closed form from event to event, see `armsim.methods.piecewise_affine`.
@@ -189,18 +195,18 @@ def simulate(
     >>> print(f"{event.time:.9f} s: preamplifier from {event.before[0]} to {event.after[0]}")
     0.845527127 s: preamplifier from 1 to 0
     """
-    schedule, t_end, state = _checked(set_velocity, t_end, y0)
+    inputs, t_end, state = _checked(set_velocity, control, t_end, y0)
     if method is not None:
-        return _runge_kutta(p, schedule, t_end, method, step_size, form, state)
+        return _runge_kutta(p, inputs, t_end, method, step_size, form, state)
     if step_size is not None or form != "additive":
         raise ValueError(
             f"step_size = {step_size!r} and form = {form!r} are for a Runge-Kutta method; "
             "give one as method, or leave them out"
         )
-    numbers, inputs = np.array(constants(p)), np.array(schedule)
-    starts, volts = inputs[:, 0].copy(), inputs[:, 1].copy()
-    record = _ready_to_run()(numbers, starts, volts, t_end, state, (MAX_EVENTS, MAX_PIECES))
+    numbers = np.array(constants(p))
+    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, (MAX_EVENTS, MAX_PIECES))
     require_finished(record, switching.region_of, Region._fields.__getitem__)
+    schedule = inputs.schedule()
     solution = ExactSolution(
         record,
         t_end,
@@ -209,15 +215,16 @@ def simulate(
         Region._fields.__getitem__,
         schedule,
     )
-    return Trajectory(p, schedule, solution)
+    return Trajectory(p, schedule, solution, control)
 
 
 def simulate_many(
     parameters: Iterable[AxisParameters],
-    set_velocity: SetVelocity = 10.0,
+    set_velocity: SetVelocity | None = None,
     t_end: float = 1.0,
     times: Sequence[float] | np.ndarray | None = None,
     *,
+    control: SlaveControl | None = None,
     y0: Sequence[float] | np.ndarray | None = None,
     threads: int | None = None,
 ) -> np.ndarray:
@@ -227,7 +234,7 @@ def simulate_many(
     ----------
     parameters : iterable of r AxisParameters
         The axes.
-    set_velocity, t_end, y0
+    set_velocity, t_end, control, y0
         As for `simulate`, the same for all.
     times : (n,) array_like, optional
         Times in s, from 0 to `t_end`; only `t_end` if left out.
@@ -246,7 +253,7 @@ def simulate_many(
     IntegrationError
         If a run fails; the message names its place in `parameters`.
     """
-    schedule, t_end, state = _checked(set_velocity, t_end, y0)
+    inputs, t_end, state = _checked(set_velocity, control, t_end, y0)
     axes = list(parameters)
     at = np.array([t_end] if times is None else times, dtype=float)
     if at.ndim != 1 or not ((at >= 0) & (at <= t_end)).all():
@@ -254,22 +261,26 @@ def simulate_many(
     if threads is not None and (isinstance(threads, bool) or threads < 1):
         raise ValueError(f"threads = {threads!r} is not allowed; it must be at least 1")
     numbers = np.array([constants(p) for p in axes]).reshape(len(axes), len(Constants._fields))
-    starts, volts = np.array(schedule).T.copy()
     y, status = np.empty((len(axes), 7, at.size)), np.empty(len(axes), np.int64)
     limits = (MAX_EVENTS, MAX_PIECES)
 
     def work(first: int) -> None:
         part = slice(first, first + _CHUNK)
         switching.run_many(
-            numbers[part], starts, volts, t_end, state, limits, at, y[part], status[part]
+            numbers[part], *inputs.arrays, t_end, state, limits, at, y[part], status[part]
         )
 
     _ready_to_run()
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
-        list(pool.map(work, range(0, len(axes), _CHUNK)))
+    chunks = range(0, len(axes), _CHUNK)
+    if len(chunks) == 1 or threads == 1:
+        list(map(work, chunks))
+    else:
+        with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+            list(pool.map(work, chunks))
     for n in np.flatnonzero(status):
         try:
-            simulate(axes[n], schedule, t_end, y0=state)
+            given = inputs.schedule() if control is None else None
+            simulate(axes[n], given, t_end, control=control, y0=state)
         except IntegrationError as error:
             raise IntegrationError(f"parameters[{n}]: {error}") from None
     return y
@@ -290,10 +301,11 @@ def _ready_to_run() -> Callable[..., Record]:
     timer.start()
     try:
         numbers = np.array([constants(AxisParameters.paper_x_axis())])
-        y, row = np.empty((1, 7, 1)), np.zeros(1)
+        y, row, at_rest = np.empty((1, 7, 1)), np.zeros(1), np.zeros(7)
         limits, status = (MAX_EVENTS, MAX_PIECES), np.empty(1, np.int64)
-        switching.run_many(numbers, row, row, 1e-9, np.zeros(7), limits, row, y, status)
-        record = switching.run(numbers[0], row, row, 1e-9, np.zeros(7), limits)
+        given = (row, row, _NO_TRACK, _NO_LAW)
+        switching.run_many(numbers, *given, 1e-9, at_rest, limits, row, y, status)
+        record = switching.run(numbers[0], *given, 1e-9, at_rest, limits)
         switching.states(record, row, numbers[0], y[0])
     finally:
         timer.cancel()
@@ -302,7 +314,7 @@ def _ready_to_run() -> Callable[..., Record]:
 
 def _runge_kutta(
     p: AxisParameters,
-    schedule: Schedule,
+    inputs: "_Inputs",
     t_end: float,
     method: Tableau,
     step_size: float | None,
@@ -311,17 +323,22 @@ def _runge_kutta(
 ) -> Trajectory:
     k = constants(p)
     t, y, nfev = [np.zeros(1)], [state[:, None]], 0
-    ends = [*(start for start, _ in schedule[1:]), math.inf]
-    for (start, volts), end in zip(schedule, ends, strict=True):
+    memory, ends = np.zeros(MEMORY), [*inputs.starts[1:].tolist(), math.inf]
+    for n, (start, end) in enumerate(zip(inputs.starts.tolist(), ends, strict=True)):
         if start >= t_end:
             break
+        now = y[-1][:, -1]
+        if inputs.control is not None:
+            put_out(n, now[2], p.r_g, inputs.track, inputs.law, memory, inputs.volts)
+        volts = float(inputs.volts[n])
         span = (start, min(end, t_end))
-        run = integrate(rhs, span, y[-1][:, -1], method, step_size, form, args=(volts, k))
+        run = integrate(rhs, span, now, method, step_size, form, args=(volts, k))
         t.append(run.t[1:])
         y.append(run.y[:, 1:])
         nfev += run.nfev
+    schedule = inputs.schedule()
     steps = Steps(p, schedule, np.concatenate(t), np.concatenate(y, axis=1), nfev)
-    trajectory = Trajectory(p, schedule, steps)
+    trajectory = Trajectory(p, schedule, steps, inputs.control)
     size = "adaptive steps" if step_size is None else f"step size {step_size:g}"
     _raise_if_beyond_bound(trajectory, f"{method.name}, {size}")
     return trajectory
@@ -351,19 +368,57 @@ def _raise_if_beyond_bound(run: Trajectory, method: str) -> None:
         )
 
 
+_NO_TRACK, _NO_LAW = np.empty((0, 2)), SlaveControl().law
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """Set velocity in the form that the compiled functions need."""
+
+    starts: np.ndarray
+    volts: np.ndarray  #: filled in by a run under control
+    track: np.ndarray = field(default_factory=lambda: _NO_TRACK)
+    law: Law = _NO_LAW
+    control: SlaveControl | None = None
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Law]:
+        return self.starts, self.volts, self.track, self.law
+
+    def schedule(self) -> Schedule:
+        return tuple(zip(self.starts.tolist(), self.volts.tolist(), strict=True))
+
+
 def _checked(
-    set_velocity: SetVelocity, t_end: float, y0: Sequence[float] | np.ndarray | None
-) -> tuple[Schedule, float, np.ndarray]:
-    schedule = _checked_schedule(set_velocity)
+    set_velocity: SetVelocity | None,
+    control: SlaveControl | None,
+    t_end: float,
+    y0: Sequence[float] | np.ndarray | None,
+) -> tuple[_Inputs, float, np.ndarray]:
     t_end = _checked_number("t_end", t_end)
     if t_end <= 0:
         raise ValueError(f"t_end = {t_end} is not allowed; it must be positive")
+    inputs = _checked_inputs(set_velocity, control, t_end)
     state = np.zeros(7) if y0 is None else np.array(y0, dtype=float)
     if state.shape != (7,):
         raise ValueError(f"y0 has shape {state.shape}; the 7 states y0 … y6 are needed")
     if not np.isfinite(state).all():
         raise ValueError(f"y0 = {state}: every component must be finite")
-    return schedule, t_end, state
+    return inputs, t_end, state
+
+
+def _checked_inputs(
+    set_velocity: SetVelocity | None, control: SlaveControl | None, t_end: float
+) -> _Inputs:
+    if control is None:
+        schedule = np.array(_checked_schedule(10.0 if set_velocity is None else set_velocity))
+        return _Inputs(schedule[:, 0].copy(), schedule[:, 1].copy())
+    if not isinstance(control, SlaveControl):
+        raise TypeError(f"control = {control!r}: a SlaveControl is needed")
+    if set_velocity is not None:
+        raise ValueError(f"set_velocity = {set_velocity!r}: with control it must be left out")
+    starts, track = control.samples(t_end)
+    return _Inputs(starts, np.zeros(starts.size), track, control.law, control)
 
 
 def _checked_schedule(set_velocity: SetVelocity) -> Schedule:

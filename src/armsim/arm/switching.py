@@ -13,12 +13,13 @@ v_s zero there is no static friction. With H = 0 the gear's flanks are one, call
 
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from armsim.arm import dynamics
+from armsim.arm import dynamics, slave_control
 from armsim.arm.dynamics import (
     STUCK,
     Constants,
@@ -29,6 +30,7 @@ from armsim.arm.dynamics import (
     preamplifier_output,
     region,
 )
+from armsim.arm.slave_control import Law, put_out
 from armsim.methods import arrival, modal, piecewise_affine
 
 _OPTIONS = {"error_model": "numpy", "nogil": True}
@@ -148,6 +150,25 @@ def successor(mode, guard, side, z, numbers):
     return mode + side
 
 
+class Inputs(NamedTuple):
+    """Set velocity, as given or as the slave control unit puts it out."""
+
+    volts: np.ndarray  #: (j,) from each time on; the unit fills them in
+    track: np.ndarray  #: (j, 2) position in m and speed in m/s at the unit's samples; or (0, 2)
+    law: Law
+    memory: np.ndarray  #: of the unit
+
+
+@_compiled
+def hold(interval, z, inputs, numbers):
+    """Return the set velocity in an interval; see `piecewise_affine.solve`."""
+    if inputs.track.shape[0] == 0:
+        return inputs.volts[interval]
+    r_g, track, law = _named(numbers).r_g, inputs.track, inputs.law
+    angle = (z[1] + z[0]) / r_g
+    return put_out(interval, angle, r_g, track, law, inputs.memory, inputs.volts)
+
+
 @_compiled
 def start(y, numbers):
     """State and mode at a start `y` (7,), the paper's y0 … y6."""
@@ -170,22 +191,24 @@ def start(y, numbers):
 
 # Numba looks at the file of a function only, to see whether the machine code that it keeps on disk
 # is up to date. Defaults are part of its key, so this one stands for all that is compiled in.
-_MODULES = (dynamics, modal, arrival, piecewise_affine)
+_MODULES = (dynamics, slave_control, modal, arrival, piecewise_affine)
 _FILES = [__file__, *(str(module.__file__) for module in _MODULES)]
 _SOURCES = zlib.crc32(b"".join(Path(file).read_bytes() for file in _FILES))
 _kept = njit(cache=True, **_OPTIONS)
 
 
 @_kept
-def run(numbers, starts, volts, t_end, y0, limits, sources=_SOURCES):
+def run(numbers, starts, volts, track, law, t_end, y0, limits, sources=_SOURCES):
     """Run an axis from `y0` (7,) with `volts` (j,) from the times `starts` (j,) on.
 
+    If a `track` (j, 2) is given, they are filled in by the slave control unit with its `law`.
     `numbers` (22,) are `dynamics.constants`, `limits` the largest numbers of events and pieces.
     Returns a `piecewise_affine.Record`.
     """
     z, mode = start(y0, numbers)
+    inputs = Inputs(volts, track, law, np.zeros(slave_control.MEMORY))
     return piecewise_affine.solve(
-        equations, successor, numbers, starts, volts, t_end, z, mode, _SIZES, limits
+        equations, successor, hold, numbers, starts, inputs, t_end, z, mode, _SIZES, limits
     )
 
 
@@ -200,10 +223,12 @@ def states(record, times, numbers, y, sources=_SOURCES):
 
 
 @_kept
-def run_many(numbers, starts, volts, t_end, y0, limits, times, y, status, sources=_SOURCES):
+def run_many(
+    numbers, starts, volts, track, law, t_end, y0, limits, times, y, status, sources=_SOURCES
+):
     """Do `run` and `states` for `numbers` (r, 22); set `y` (r, 7, n) and `status` (r,)."""
     for n in range(numbers.shape[0]):
-        record = run(numbers[n], starts, volts, t_end, y0, limits)
+        record = run(numbers[n], starts, volts.copy(), track, law, t_end, y0, limits)
         status[n] = record.status
         if record.status == piecewise_affine.FINISHED:
             states(record, times, numbers[n], y[n])

@@ -89,18 +89,29 @@ def _longer(rows):
     return longer
 
 
+@compiled
+def given(interval, z, inputs, constants):
+    """Input that is known beforehand; see `solve`."""
+    return inputs[interval]
+
+
 # Inlined into its caller: so its caller's machine code holds no address of `equations` and
 # `successor`, and numba can keep it on disk.
 @inlined
-def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, limits):
+def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, sizes, limits):
     """Run a piecewise-affine system: what `System.solve` calls, for use in other compiled code.
 
     Parameters
     ----------
     equations, successor, constants
         As in `System`.
-    starts, inputs : (j,) and (j, …) arrays
-        Times from which the inputs hold, the first being the start of the run; and the inputs.
+    hold : compiled function
+        ``hold(interval, z, inputs, constants)`` returns the input from the time
+        ``starts[interval]`` on, where the state is `z`: `given`, or a sampled controller.
+    starts : (j,) array
+        Times from which the inputs hold, the first being the start of the run.
+    inputs
+        Handed to `hold`; for `given` a (j, …) array of the inputs.
     end : float
         End of the run.
     z : (n,) array
@@ -128,19 +139,23 @@ def solve(equations, successor, constants, starts, inputs, end, z, mode, sizes, 
     start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 3), np.int64)
     event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
     pieces = events = at_once = known = interval = place = 0
-    t, status, new = starts[0], FINISHED, True
+    t, status, new, found = starts[0], FINISHED, True, mode - 1
+    u = hold(0, z, inputs, constants)
     while t < end:
         until = end if interval + 1 == starts.size else min(end, starts[interval + 1])
         if t == until:
             interval, new = interval + 1, True
+            u = hold(interval, z, inputs, constants)
             continue
         if new:
-            equations(mode, inputs[interval], constants, here)
-            place = modal.find(here.A, m, known)
-            known, new = max(known, place + 1), False
-            if place < 0:
-                status = TOO_MANY_MATRICES
-                break
+            equations(mode, u, constants, here)
+            new = False
+            if mode != found:
+                place, found = modal.find(here.A, m, known), mode
+                known = max(known, place + 1)
+                if place < 0:
+                    status = TOO_MANY_MATRICES
+                    break
         if not arrival.set_slope(here, z, w.slope):
             status = NOT_FINITE
             break
@@ -331,7 +346,7 @@ class System:
     ----------
     equations : compiled function
         ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`: every
-        entry of its arrays, which hold what an earlier call left.
+        entry of its arrays, which hold what an earlier call left. A does not depend on `u`.
     successor : compiled function
         ``successor(mode, guard, side, z, constants)`` returns the mode that follows when a guard
         leaves past its upper limit (`side` 1) or its lower one (-1). It may change the state `z`,
@@ -355,7 +370,7 @@ class System:
         @compiled
         def run(constants, starts, inputs, end, z, mode, limits):
             return solve(
-                equations, successor, constants, starts, inputs, end, z, mode, sizes, limits
+                equations, successor, given, constants, starts, inputs, end, z, mode, sizes, limits
             )
 
         return run

@@ -168,7 +168,6 @@ def block_diagram() -> Figure:
 
     # slave control unit, from right to left
     encoder = s.block(102, lane, 62, 24, "encoder", size=10)
-    delay = s.block(162, lane, 24, 24, "D")
     track_error = s.total(416, row_d, right="+", top="-")
     law = [s.block(322, y, 104, 22, name, size=10)
            for y, name in ((row_d - 32, "position"), (row_d, "velocity"),
@@ -178,8 +177,7 @@ def block_diagram() -> Figure:
     hold = s.block(160, row_d, 34, 30, "hold")
     limit_u = s.block(102, row_d, 34, 30, "limit")
     s.arrow((44, row_c), (44, lane), encoder.left)
-    s.chain(encoder, delay)
-    s.arrow(delay.right, (416, lane), track_error.top)
+    s.arrow(encoder.right, (416, lane), track_error.top)
     s.chain((502, row_d), track_error, law[1], total, late, hold, limit_u)
     for branch, end in ((law[0], total.top), (law[2], total.bottom)):
         s.arrow((390, row_d), (390, branch.y), branch.right)

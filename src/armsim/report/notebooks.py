@@ -1,13 +1,15 @@
 """Execute a notebook so that its results appear all at once, or not at all."""
 
+import fcntl
 import os
 import re
+import shutil
 import signal
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from papermill.exceptions import PapermillExecutionError
 from armsim.report.study import RESULTS_VARIABLE
 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
+_SCRATCH = re.compile(r"\.\d\d_[a-z0-9_]+-[a-z0-9_]{8}")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
 
 
@@ -31,9 +34,9 @@ def execute(
 ) -> list[str]:
     """Execute a notebook and put it and the results it writes into a folder.
 
-    Everything is made in a temporary folder first. What an earlier run of the same notebook left
-    in `results_dir` is replaced only when the new run has succeeded; the executed notebook comes
-    last, for make takes it as the sign that the rest is there. Two runs give the same bytes.
+    What an earlier run of the same notebook left in `results_dir` is replaced only when the new
+    run has succeeded; the executed notebook comes last, for make takes it as the sign that the
+    rest is there. Two runs give the same bytes.
 
     Parameters
     ----------
@@ -52,31 +55,84 @@ def execute(
 
     Raises
     ------
-    ValueError
-        If there is a parameter that the notebook does not have.
     NotebookError
         If the notebook cannot be read or fails.
     """
     source, results_dir = Path(source), Path(results_dir)
-    results_dir.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{source.stem}-", dir=results_dir) as scratch:
-        new = Path(scratch, "results")
-        new.mkdir()
-        variables = {
-            RESULTS_VARIABLE: str(new.resolve()),
-            "IPYTHONDIR": scratch,  # no start-up files or history of the user's own
-            "JUPYTER_PREFER_ENV_PATH": "1",  # python3 means the Python that runs this
-            "PYTHONHASHSEED": "0",
-        }
-        with _environment(variables):
-            notebook = _run(source, dict(parameters or {}))
-        complaints = _tidy(notebook)
-        nbformat.write(notebook, new / source.name)
+    with executed(source, results_dir, parameters or {}) as (new, complaints):
         _publish(new, results_dir, source.stem)
     return complaints
 
 
-def _run(source: Path, parameters: dict[str, Any]) -> nbformat.NotebookNode:
+@contextmanager
+def executed(
+    source: Path, parent: Path, parameters: Mapping[str, Any]
+) -> Iterator[tuple[Path, list[str]]]:
+    """Execute a notebook into a hidden folder inside `parent`, which goes when the block ends.
+
+    Gives the folder with the executed notebook and its results, to be moved to their place, and
+    what the notebook wrote to its standard error. Raises `NotebookError` as `execute` does.
+    """
+    with _scratch(parent.resolve(), source.stem) as scratch:
+        new = scratch / "results"
+        new.mkdir()
+        variables = {
+            RESULTS_VARIABLE: str(new),
+            "IPYTHONDIR": str(scratch),  # no start-up files or history of the user's own
+            "JUPYTER_PREFER_ENV_PATH": "1",  # python3 means the Python that runs this
+            "PYTHONHASHSEED": "0",
+        }
+        with _environment(variables):
+            notebook = _run(source, dict(parameters), scratch)
+        complaints = _tidy(notebook)
+        nbformat.write(notebook, new / source.name)
+        yield new, complaints
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder, until the block ends or the process dies, against others who ask for it."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _scratch(parent: Path, stem: str) -> Iterator[Path]:
+    """Make a hidden folder; one that a killed process left is removed by the next."""
+    parent.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        with locked(parent):  # nobody sees a new folder that is not yet held
+            for left in parent.iterdir():
+                if _SCRATCH.fullmatch(left.name) and _abandoned(left):
+                    shutil.rmtree(left, ignore_errors=True)
+            folder = tempfile.TemporaryDirectory(
+                prefix=f".{stem}-", dir=parent, ignore_cleanup_errors=True
+            )
+            scratch = Path(stack.enter_context(folder))
+            stack.enter_context(locked(scratch))
+        yield scratch
+
+
+def _abandoned(folder: Path) -> bool:
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+
+
+def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.NotebookNode:
     try:
         notebook = nbformat.read(source, as_version=4)
     except nbformat.reader.NotJSONError as error:
@@ -87,16 +143,12 @@ def _run(source: Path, parameters: dict[str, Any]) -> nbformat.NotebookNode:
         "language": "python",
         "name": "python3",
     }
-    allowed = papermill.inspect_notebook(notebook) if parameters else {}
-    for name in parameters:
-        if name not in allowed:
-            known = ", ".join(allowed) or "none"
-            raise ValueError(f"parameter {name!r}: {source.stem} has only {known}")
     try:
         return papermill.execute_notebook(
             notebook,
             None,
             parameters,
+            cwd=folder,  # where a file of the user's cannot stand in for a module
             progress_bar={"leave": False} if sys.stderr.isatty() else False,
             extra_arguments=["--log-level=CRITICAL"],  # of the kernel's own log, not the notebook's
         )

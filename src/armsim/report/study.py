@@ -1,6 +1,5 @@
 """Record a value once: quoted in the text, kept as JSON, checked by a rebuild."""
 
-import json
 import math
 import numbers
 import os
@@ -16,6 +15,8 @@ from IPython.display import SVG, Markdown, display
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from myst_nb import glue
+
+from armsim.report.expected import to_json
 
 Value = float | int | str | bool
 
@@ -58,7 +59,14 @@ class Study:
         self._keys: set[str] = set()
 
     def record(
-        self, name: str, value: Any, unit: str | None = None, tolerance: float | None = None
+        self,
+        name: str,
+        value: Any,
+        unit: str | None = None,
+        tolerance: float | None = None,
+        *,
+        relative: float | None = None,
+        compared: bool = True,
     ) -> None:
         """Glue a value for the text and keep it in ``<results>/<study>.json``.
 
@@ -72,6 +80,11 @@ class Study:
             The unit of the value.
         tolerance : float, optional
             The largest absolute difference, in the unit of the value, that a rebuild may show.
+            Without one, floats have to agree to nine digits and other values have to be equal.
+        relative : float, optional
+            Instead of `tolerance`, the largest difference as a share of the value.
+        compared : bool, optional
+            False for what measures time, which no rebuild repeats.
 
         Raises
         ------
@@ -84,12 +97,15 @@ class Study:
             isinstance(value, float) and not math.isfinite(value)
         ):
             raise ValueError(f"{name} = {value!r}: expected a finite number, a text or a bool")
-        if tolerance is not None:
-            if not isinstance(tolerance, numbers.Real) or not 0 <= tolerance < math.inf:
-                raise ValueError(f"tolerance of {name} = {tolerance!r}: expected a number >= 0")
-            tolerance = float(tolerance)
-        self._records[name] = {"value": value, "unit": unit, "tolerance": tolerance}
-        text = json.dumps(self._records, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        if tolerance is not None and relative is not None:
+            raise ValueError(f"tolerance of {name}: absolute or relative, not both")
+        record = {"value": value, "unit": unit, "tolerance": _tolerance(name, tolerance)}
+        if relative is not None:
+            record["relative"] = _tolerance(name, relative)
+        if not compared:
+            record["compared"] = False
+        self._records[name] = record
+        text = to_json(self._records)
         self._write(f"{self.name}.json", text)
         glue(name, ("yes" if value else "no") if isinstance(value, bool) else value, display=False)
 
@@ -167,6 +183,14 @@ def _check_key(key: Any, taken: Any) -> None:
         raise ValueError(f"name {key!r}: expected a letter, then letters, digits, _ or -")
     if key in taken:
         raise ValueError(f"name {key!r}: already recorded in this study, each name only once")
+
+
+def _tolerance(name: str, value: float | None) -> float | None:
+    if value is None:
+        return None
+    if not isinstance(value, numbers.Real) or not 0 <= value < math.inf:
+        raise ValueError(f"tolerance of {name} = {value!r}: expected a number >= 0")
+    return float(value)
 
 
 def _cell(value: Any) -> str:

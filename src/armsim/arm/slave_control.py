@@ -1,0 +1,254 @@
+"""The slave control unit: from track data to the set velocity, paper's Section 3.2 and Figure 2.
+
+The master sends a position and a speed every 80 ms. Every 5 ms the unit reads the encoder on the
+motor shaft and puts out a voltage that is held until the next sample. The paper says that the law
+combines position, velocity and integrated position, and no more: the law below, its gains, the
+resolution of the encoder and the shape of the move are our choice.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+import math
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from numbers import Real
+from typing import NamedTuple, Self
+
+import numpy as np
+from numba import njit
+from scipy.interpolate import CubicHermiteSpline
+
+_compiled = njit(error_model="numpy", nogil=True)
+
+#: Track data in these tests, m/s and m/s²: the paper gives the speed only.
+VELOCITY, ACCELERATION = 0.9, 1.0
+
+
+@dataclass(frozen=True)
+class Track:
+    """Track data: positions and speeds that the master sends at equal intervals.
+
+    Between two of them the motion is the cubic that has both positions and both speeds; after the
+    last one the arm is to stay.
+
+    Parameters
+    ----------
+    position : tuple of float
+        m, at 0, `period`, 2 `period`, …
+    speed : tuple of float
+        m/s, at the same times; the last one is zero.
+    period : float
+        s, between two track data; the paper's is 80 ms.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two, not as many speeds as positions, a number is not finite, the
+        last speed is not zero or the period not positive.
+    """
+
+    position: tuple[float, ...]
+    speed: tuple[float, ...]
+    period: float = 0.08
+
+    def __post_init__(self) -> None:
+        _require("period", self.period, above=0.0)
+        for name in ("position", "speed"):
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+        if not 2 <= len(self.position) == len(self.speed):
+            raise ValueError(
+                f"track of {len(self.position)} positions and {len(self.speed)} speeds: "
+                "at least two are needed, and as many of one as of the other"
+            )
+        if not np.isfinite([self.position, self.speed]).all():
+            raise ValueError("track: every position and speed must be finite")
+        if self.speed[-1] != 0.0:
+            raise ValueError(f"track ends with the speed {self.speed[-1]} m/s; it must be 0")
+
+    @classmethod
+    def trapezoid(
+        cls,
+        distance: float = 1.0,
+        velocity: float = VELOCITY,
+        acceleration: float = ACCELERATION,
+        period: float = 0.08,
+    ) -> Self:
+        """Sample a move with constant acceleration, constant velocity, constant deceleration.
+
+        Parameters
+        ----------
+        distance : float
+            Of the move in m; negative for one backwards.
+        velocity, acceleration : float
+            Largest of the move in m/s and m/s²; a short move does not reach the velocity.
+        period : float
+            s, between two track data.
+        """
+        _require("distance", distance)
+        _require("velocity", velocity, above=0.0)
+        _require("acceleration", acceleration, above=0.0)
+        _require("period", period, above=0.0)
+        length = abs(distance)
+        top = min(velocity, math.sqrt(acceleration * length))
+        rise = top / acceleration
+        end = rise + (length / top if top > 0.0 else 0.0)
+        t = period * np.arange(math.ceil(end / period - 1e-9) + 2)
+        left = np.clip(end - t, 0.0, None)
+        rising, falling = t < rise, left < rise
+        speed = np.where(falling, acceleration * left, np.where(rising, acceleration * t, top))
+        position = np.where(
+            falling,
+            length - 0.5 * acceleration * left**2,
+            np.where(rising, 0.5 * acceleration * t**2, top * (t - 0.5 * rise)),
+        )
+        sign = math.copysign(1.0, distance)
+        return cls(tuple(sign * position), tuple(sign * speed), period)
+
+    @property
+    def duration(self) -> float:
+        """Time in s from which on the arm is to stay."""
+        return self.period * (len(self.position) - 1)
+
+    @cached_property
+    def _spline(self) -> CubicHermiteSpline:
+        times = self.period * np.arange(len(self.position))
+        return CubicHermiteSpline(times, self.position, self.speed)
+
+    def __call__(self, t: np.ndarray | float) -> np.ndarray:
+        """Position in m and speed in m/s (2, …) at the times `t` (…) in s."""
+        inside = np.clip(t, 0.0, self.duration)
+        return np.array([self._spline(inside), self._spline(inside, 1)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlaveControl:
+    """Slave control unit of one axis; a law with sampled input and held output.
+
+    At each sample, with the encoder's position x̂, its change v̂ per sample, the track's position x
+    and speed v, and e = x - x̂,
+
+        U = clip((v + K_p e + K_I ∫e dt + K_v (v - v̂)) · volts_per_speed, ±limit).
+
+    The integral rests while the output is at its limit and e would drive it farther.
+
+    Parameters
+    ----------
+    track : Track
+        Position and speed to follow.
+    K_p : float
+        Gain of the position in 1/s; our choice.
+    K_I : float
+        Gain of the integrated position in 1/s²; our choice.
+    K_v : float
+        Gain of the velocity; our choice.
+    delay : int
+        Samples between a reading and the output computed from it, the "D" of Figure 2.
+    counts : int
+        Of the encoder per revolution of the motor; our choice. 0 stands for a perfect one.
+    period : float
+        s, between two samples (Section 3.2).
+    limit : float
+        V, of the output.
+    volts_per_speed : float
+        V s/m; the paper sets K_1 so that 10 V make 1 m/s (Section 4).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value is of another type or out of range.
+    """
+
+    track: Track = field(default_factory=Track.trapezoid)
+    K_p: float = 8.0
+    K_I: float = 4.0
+    K_v: float = 0.2
+    delay: int = 1
+    counts: int = 2000
+    period: float = 0.005
+    limit: float = 10.0
+    volts_per_speed: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.track, Track):
+            raise TypeError(f"track = {self.track!r}: a Track is needed")
+        for item in fields(self)[1:]:
+            value = getattr(self, item.name)
+            if item.type is int and (isinstance(value, bool) or not isinstance(value, int)):
+                raise TypeError(f"{item.name} = {value!r} is not allowed; it must be an integer")
+            _require(item.name, value, above=0.0, zero=item.name not in _POSITIVE)
+
+    @property
+    def law(self) -> "Law":
+        """What the compiled `put_out` needs of the unit."""
+        angle = 2 * math.pi / self.counts if self.counts else 0.0
+        gains = self.K_p, self.K_I, self.K_v
+        return Law(*gains, self.delay, angle, self.period, self.limit, self.volts_per_speed)
+
+    def samples(self, t_end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times (j,) of the samples before `t_end` in s; position and speed (j, 2) of the track."""
+        times = self.period * np.arange(math.ceil(t_end / self.period - 1e-9))
+        return times, np.ascontiguousarray(self.track(times).T)
+
+
+_POSITIVE = ("period", "limit", "volts_per_speed")
+
+
+class Law(NamedTuple):
+    """Numbers of a control law; see `SlaveControl`."""
+
+    K_p: float
+    K_I: float
+    K_v: float
+    delay: int
+    angle: float  #: rad, of one count; 0 stands for a perfect encoder
+    period: float
+    limit: float
+    volts_per_speed: float
+
+
+#: What a unit remembers between its samples, and its place: ∫e dt in m s, the last position in m.
+INTEGRAL, POSITION, MEMORY = 0, 1, 2
+
+
+@_compiled
+def put_out(n, angle, r_g, track, law, memory, volts):
+    """Return the output at sample `n`, and set in `volts` what is put out `delay` samples later.
+
+    Parameters
+    ----------
+    n : int
+        Number of the sample.
+    angle : float
+        Of the motor in rad.
+    r_g : float
+        Radius of its gear in m.
+    track : (j, 2) array
+        Position in m and speed in m/s at each sample.
+    law : Law
+    memory : (MEMORY,) array
+        Zero before the first sample.
+    volts : (j,) array
+        Outputs; zero before the first sample.
+    """
+    if law.angle > 0.0:
+        angle = law.angle * math.floor(angle / law.angle + 0.5)
+    x = r_g * angle
+    speed = (x - memory[POSITION]) / law.period if n > 0 else 0.0
+    memory[POSITION] = x
+    error = track[n, 0] - x
+    integral = memory[INTEGRAL] + error * law.period
+    wanted = track[n, 1] + law.K_p * error + law.K_v * (track[n, 1] - speed)
+    output = (wanted + law.K_I * integral) * law.volts_per_speed
+    if abs(output) <= law.limit or output * error < 0.0:
+        memory[INTEGRAL] = integral
+    if n + law.delay < volts.size:
+        volts[n + law.delay] = min(max(output, -law.limit), law.limit)
+    return volts[n]
+
+
+def _require(name: str, value: object, above: float = -math.inf, zero: bool = False) -> None:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
+    if not math.isfinite(value) or value < above or (value == above and not zero):
+        allowed = "" if above == -math.inf else " and not negative" if zero else " and positive"
+        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite{allowed}")

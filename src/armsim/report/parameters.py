@@ -1,0 +1,296 @@
+"""The parameters of a notebook, read from its source without executing it.
+
+In the cell tagged ``parameters`` each variable has a comment, at the end of its line or on the
+lines above::
+
+    T_p = 0.04  # s, time constant of the preamplifier; 0.001 to 10
+    # s, step sizes; 2 or more values, each 1e-7 to 1e-3
+    step_sizes = [1e-4, 5e-5]
+    fit = "ndp"  # column of Table 5; ndp | rk6
+    record = ""  # measured motion, empty for the published one; path
+
+For a number the unit comes first (1 if it has none), then what it is, then what is allowed:
+``LOW to HIGH``, ``above LOW``, ``at least LOW`` or ``A | B``; for a list the same after ``each``,
+with the number of values before it if that matters. A bool needs only the help text.
+"""
+
+import ast
+import difflib
+import io
+import json
+import math
+import re
+import tokenize
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_SYMBOLS = set("1 % s ms µs V A m mm µm kg N J W Hz rad Ω H".split())
+_LIST = re.compile(r"(?:(?P<count>\d+)(?P<more> or more)? values, )?each (?P<range>.+)")
+_INTERVAL = re.compile(r"(?P<low>\S+) to (?P<high>\S+)|(?P<open>above|at least) (?P<least>\S+)")
+_BOOLS = {"true": True, "yes": True, "false": False, "no": False}
+_KINDS: dict[type, tuple[str, str]] = {
+    float: ("a number", "numbers"),
+    int: ("an integer", "integers"),
+    bool: ("true or false", ""),
+    str: ("a text", ""),
+}
+
+
+class ParameterError(ValueError):
+    """A notebook or parameter that is not there, or not as it has to be, told in one line."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One variable of the cell tagged ``parameters``, and what it may be.
+
+    `allowed` is the range as it stands in the comment; `kind` is the type of the value, or of
+    each value where the default is a list.
+    """
+
+    name: str
+    default: Any
+    help: str
+    unit: str | None
+    allowed: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.default, str | bool):
+            if not self.unit or not set(re.split("[ /]", self.unit.rstrip("²³"))) <= _SYMBOLS:
+                raise ParameterError(f"{self.name}: unit {self.unit!r} is none; 1 stands for none")
+            if not self.allowed:
+                raise ParameterError(f"{self.name}: what is allowed is not said")
+        if not self.help:
+            raise ParameterError(f"{self.name}: the help text is missing")
+        self.check(self.default)
+
+    @property
+    def kind(self) -> type:
+        """The type of the value, or of each value of a list."""
+        values = self.default if isinstance(self.default, list) else [self.default]
+        kinds = {type(value) for value in values}
+        kind = float if kinds == {int, float} else kinds.pop() if len(kinds) == 1 else None
+        if kind not in _KINDS or (isinstance(self.default, list) and kind not in (int, float)):
+            raise ParameterError(f"{self.name} = {self.default!r}: of no type that can be checked")
+        return kind
+
+    @property
+    def is_path(self) -> bool:
+        """Whether the value names a file."""
+        return self.allowed == "path"
+
+    @property
+    def wanted(self) -> str:
+        """What the parameter may be, in words."""
+        one, many = _KINDS[self.kind]
+        text = "a file" if self.is_path else one
+        if isinstance(self.default, list):
+            text = f"a list of {many}"
+        if self.allowed and not self.is_path:
+            text += f", {self.allowed}"
+        return text + (f" ({self.unit})" if self.unit not in (None, "1") else "")
+
+    def parse(self, text: str) -> Any:
+        """Return the value that a text from the command line stands for.
+
+        Raises
+        ------
+        ParameterError
+            If the text is of another type, or its value is not allowed.
+        """
+        try:
+            if isinstance(self.default, list):
+                inner = text.strip().removeprefix("[").removesuffix("]").rstrip(", ")
+                return self.check([self._read(part) for part in inner.split(",")])
+            return self.check(self._read(text))
+        except (ValueError, KeyError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise self._refusal(text) from None
+
+    def check(self, value: Any) -> Any:
+        """Return a value as the notebook gets it, an integer as float where one is expected.
+
+        Raises
+        ------
+        ParameterError
+            If the value is of another type, not finite or not allowed.
+        """
+        allowed = self.allowed
+        if not isinstance(self.default, list):
+            return self._checked(value, allowed, value)
+        if not (match := _LIST.fullmatch(allowed)):
+            raise ParameterError(f"{self.name}: {allowed!r} does not say what each value may be")
+        if not isinstance(value, list) or not value:
+            raise self._refusal(value)
+        number, least = len(value), int(match["count"] or 1)
+        if number < least or (match["count"] and not match["more"] and number > least):
+            raise self._refusal(value)
+        values = [self._checked(one, match["range"], value) for one in value]
+        if len(set(values)) < number:
+            raise ParameterError(f"{self.name} = {value}: each value only once")
+        return values
+
+    def _read(self, text: str) -> Any:
+        return _BOOLS[text.strip().lower()] if self.kind is bool else self.kind(text)
+
+    def _checked(self, value: Any, allowed: str, whole: Any) -> Any:
+        if self.kind is float and type(value) is int and abs(value) < 1e300:
+            value = float(value)
+        if type(value) is not self.kind or (isinstance(value, float) and not math.isfinite(value)):
+            raise self._refusal(whole)
+        if self.is_path:
+            return self._found(str(value))
+        if allowed and not self._fits(value, allowed):
+            raise self._refusal(whole)
+        return value
+
+    def _fits(self, value: Any, allowed: str) -> bool:
+        if "|" in allowed or self.kind is str:
+            return str(value) in re.split(r"\s*\|\s*", allowed)
+        match = _INTERVAL.fullmatch(allowed)
+        try:
+            if match and match["open"]:
+                least = float(match["least"])
+                return bool(value > least if match["open"] == "above" else value >= least)
+            if match:
+                return float(match["low"]) <= value <= float(match["high"])
+        except ValueError:
+            pass
+        raise ParameterError(f"{self.name}: {allowed!r} is no range")
+
+    def _found(self, value: str) -> str:
+        if value and not Path(value).is_file():
+            raise ParameterError(f"{self.name} = {value!r}: there is no such file")
+        return str(Path(value).resolve()) if value else value
+
+    def _refusal(self, value: Any) -> ParameterError:
+        return ParameterError(f"{self.name} = {value!r}: expected {self.wanted}")
+
+
+@dataclass(frozen=True)
+class Notebook:
+    """What the source of a notebook says of itself."""
+
+    path: Path
+    title: str
+    summary: str
+    parameters: Mapping[str, Parameter]
+
+    @property
+    def name(self) -> str:
+        """The file name without its ending."""
+        return self.path.stem
+
+    def values(self, texts: Iterable[tuple[str, str]], table: Mapping[str, Any]) -> dict[str, Any]:
+        """Check parameters given as texts and as a table, over which the texts win.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such parameter, it is given twice, or its value is not allowed.
+        """
+        values: dict[str, Any] = {}
+        for name, text in texts:
+            if name in values:
+                raise ParameterError(f"{name}: given twice")
+            values[name] = self._parameter(name).parse(text)
+        given = {name: self._parameter(name).check(value) for name, value in table.items()}
+        return given | values
+
+    def _parameter(self, name: str) -> Parameter:
+        if name not in self.parameters:
+            hint = _nearest(name, self.parameters)
+            raise ParameterError(f"{name}: no parameter of {self.name}; {hint}")
+        return self.parameters[name]
+
+
+def read(path: Path) -> Notebook:
+    """Read title, first sentence and parameters from the source of a notebook.
+
+    Raises
+    ------
+    ParameterError
+        If it is no notebook, or the comment of a parameter is missing or malformed.
+    """
+    try:
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        sources = [(cell, "".join(cell["source"])) for cell in cells]
+    except (OSError, ValueError, TypeError, LookupError) as error:
+        raise ParameterError(f"{path} is not a notebook: {error!r}") from None
+    text = next((source for cell, source in sources if cell["cell_type"] == "markdown"), "")
+    title, _, body = text.partition("\n")
+    sentence = re.match(r"(?s).*?\.(?=\s+[A-Z]|\s*$)|.*", body.strip())
+    summary = " ".join(sentence[0].split()).replace("$", "") if sentence else ""
+    found = {}
+    for cell, source in sources:
+        if "parameters" in cell["metadata"].get("tags", ()):
+            try:
+                found = {parameter.name: parameter for parameter in _parameters(source)}
+            except (SyntaxError, ValueError) as error:
+                raise ParameterError(f"{path}: {error}") from None
+    return Notebook(path, title.lstrip("# "), summary, found)
+
+
+def find(name: str, folder: Path) -> Notebook:
+    """Read the notebook with this name; its number or its topic alone will do.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, with the nearest known one.
+    """
+    paths = sources(folder)
+    short = Path(name).name.removesuffix(".ipynb")
+    fits = [path for path in paths if short in (path.stem, path.stem[:2], path.stem[3:])]
+    if len(fits) != 1:
+        stems = [path.stem for path in paths]
+        raise ParameterError(f"{name}: no notebook in {folder}; {_nearest(short, stems)}")
+    return read(fits[0])
+
+
+def sources(folder: Path) -> list[Path]:
+    """List the notebooks of a folder.
+
+    Raises
+    ------
+    ParameterError
+        If there is none.
+    """
+    paths = sorted(folder.glob("[0-9][0-9]_*.ipynb"))
+    if not paths:
+        raise ParameterError(f"no notebooks in {folder}: they come with the repository, not with "
+                             "the installed package; --notebooks says where they are")  # fmt: skip
+    return paths
+
+
+def _parameters(source: str) -> Iterable[Parameter]:
+    tree = ast.parse(source)
+    comments: dict[int, str] = {}
+    alone: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            comments[token.start[0]] = token.string.lstrip("#").strip()
+            if not token.line[: token.start[1]].strip():
+                alone.add(token.start[0])
+    for node in tree.body:
+        if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+            raise ParameterError(f"cell of parameters: {ast.unparse(node)} is no NAME = VALUE")
+        comment = comments.get(node.end_lineno or 0, "")
+        line = node.lineno - 1
+        while line in alone and node.end_lineno not in comments:
+            comment, line = f"{comments[line]} {comment}".strip(), line - 1
+        default = ast.literal_eval(node.value)
+        text, _, allowed = (part.strip() for part in comment.partition(";"))
+        unit = None
+        if not isinstance(default, str | bool):
+            unit, _, text = (part.strip() for part in text.partition(","))
+        yield Parameter(node.targets[0].id, default, text, unit, allowed)
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    known = list(known)
+    best = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"did you mean {best[0]}?" if best else f"known are {', '.join(known) or 'none'}"
