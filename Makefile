@@ -12,7 +12,7 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
 STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
 # What a notebook can read. Expected results (data/expected) only judge, they do not enter.
-INPUTS := $(shell find src data/paper data/measurements \( -name __pycache__ -o -name '.*' \) \
+INPUTS := $(shell find src data/axes data/measurements data/paper \( -name __pycache__ -o -name '.*' \) \
             -prune -o -type f -print 2>/dev/null)
 PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
          _config.yml _toc.yml

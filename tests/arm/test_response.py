@@ -1,9 +1,13 @@
 """Settling time and ringing against signals whose answers are known."""
 
+import math
+
 import numpy as np
 import pytest
 
-from armsim.arm.response import ringing, settling_time
+from armsim.arm import AxisParameters, simulate
+from armsim.arm.dynamics import Region, affine
+from armsim.arm.response import SETTLED, ringing, settling_time, step_quality
 
 
 def test_settling_time_of_an_exponential_is_its_logarithm():
@@ -37,3 +41,24 @@ def test_ringing_of_a_damped_cosine(frequency, rate):
 def test_ringing_without_extrema_is_an_error():
     with pytest.raises(ValueError, match="0 extrema"):
         ringing(np.arange(10.0), np.arange(10.0))
+
+
+def test_the_quality_of_the_published_step():
+    """Against the run itself, and the eigenvalue of the engaged loop."""
+    p = AxisParameters.paper_x_axis()
+    found = step_quality(p)
+    t = np.linspace(0, 2, 200_001)
+    velocity = simulate(p, 10.0, 2.0)(t)[1]
+    assert found.overshoot == pytest.approx(velocity.max() - 1, rel=1e-3)
+    outside = t[np.abs(velocity - 1) > SETTLED]
+    assert found.settling == pytest.approx(outside[-1], abs=1e-3)
+    modes = np.linalg.eigvals(affine(p, Region(0, 0, 1, 0))[0])
+    pair = max((mode for mode in modes if mode.imag > 1e-6), key=lambda mode: mode.real)
+    assert found.frequency == pytest.approx(pair.imag / (2 * np.pi), rel=1e-3)
+    assert found.decay == pytest.approx(-pair.real, rel=1e-2)
+
+
+def test_a_loop_that_buzzes_has_no_ringing():
+    found = step_quality(AxisParameters.paper_x_axis(T_p=0.0071))
+    assert math.isnan(found.frequency) and math.isnan(found.decay)
+    assert 0 < found.settling < 1

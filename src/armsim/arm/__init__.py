@@ -3,5 +3,16 @@
 from armsim.arm.linear import LinearAxis
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import Trajectory, simulate, simulate_many
+from armsim.arm.slave_control import SlaveControl, Track
+from armsim.arm.study import study
 
-__all__ = ["AxisParameters", "LinearAxis", "Trajectory", "simulate", "simulate_many"]
+__all__ = [
+    "AxisParameters",
+    "LinearAxis",
+    "SlaveControl",
+    "Track",
+    "Trajectory",
+    "simulate",
+    "simulate_many",
+    "study",
+]

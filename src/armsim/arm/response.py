@@ -1,6 +1,16 @@
 """Numbers read off a step response: settling time, ringing."""
 
+from typing import NamedTuple
+
 import numpy as np
+
+from armsim.arm.parameters import AxisParameters
+from armsim.arm.simulate import Trajectory, simulate
+
+#: Share of the final velocity within which it counts as settled.
+SETTLED = 0.02
+#: Switching events in a second beyond which the loop is taken to be unstable.
+BUZZING = 200
 
 
 def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) -> float:
@@ -65,3 +75,63 @@ def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
     half_period = np.polyfit(np.arange(times.size), times, 1)[0]
     decay_rate = -np.polyfit(times[:-1], np.log(amplitudes), 1)[0]
     return float(1 / (2 * half_period)), float(decay_rate)
+
+
+def loop_ringing(run: Trajectory) -> tuple[float, float]:
+    """Ringing of the arm's velocity after the last event of an exact run.
+
+    Parameters
+    ----------
+    run : Trajectory
+        With 0.63 s after its last event: 0.03 s in which the fast modes die, and 0.6 s to look at.
+
+    Returns
+    -------
+    frequency, decay_rate : float
+        As `ringing` gives them.
+
+    Raises
+    ------
+    ValueError
+        If the run ends too early, or there are fewer than three extrema.
+    """
+    begin = (run.events[-1].time if run.events else 0.0) + 0.03
+    times = np.linspace(begin, begin + 0.6, 6001)
+    return ringing(times, run(times)[1])
+
+
+class StepQuality(NamedTuple):
+    """How the arm's velocity answers a step of the set velocity."""
+
+    settling: float  #: s, NaN if it does not settle
+    overshoot: float  #: as a share of the final velocity
+    frequency: float  #: Hz, of the ringing; NaN if there is none
+    decay: float  #: 1/s, of the ringing; NaN if there is none
+
+
+def step_quality(p: AxisParameters, volts: float = 10.0, t_end: float = 6.0) -> StepQuality:
+    """Run a step of the set velocity and read off its quality.
+
+    A loop that buzzes between its limits, with more than `BUZZING` events in the first second, is
+    watched for that second only.
+
+    Parameters
+    ----------
+    p : AxisParameters
+        With the gain K_1 that makes 10 V stand for 1 m/s.
+    volts : float
+        Height of the step.
+    t_end : float
+        Length of the run in s.
+    """
+    run, final, length = simulate(p, volts, min(t_end, 1.0)), 0.1 * volts, min(t_end, 1.0)
+    if len(run.events) <= BUZZING:
+        run, length = simulate(p, volts, t_end), t_end
+    t = np.linspace(0, length, 4001)
+    velocity = run(t)[1]
+    try:
+        frequency, decay = loop_ringing(run)
+    except ValueError:
+        frequency = decay = float("nan")
+    settling = settling_time(t, velocity, final, SETTLED * abs(final))
+    return StepQuality(settling, float((velocity / final).max() - 1), frequency, decay)

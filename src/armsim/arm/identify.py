@@ -1,0 +1,528 @@
+"""Parameters of an axis from its measured motion, and how far the motion tells them.
+
+Weighted least squares in the logarithms of the parameters. Bias and drift of the accelerometer
+enter linearly and are eliminated: what a straight line takes off the residuals of the acceleration
+is theirs, so that standard errors count them in.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from scipy.optimize import OptimizeResult, brentq, least_squares
+from scipy.stats import qmc
+
+from armsim.arm.measurement import Instrument, Measurement, signals
+from armsim.arm.parameters import AxisParameters
+from armsim.arm.simulate import simulate, simulate_many
+from armsim.arm.study import study
+from armsim.methods.tableaux import Tableau
+
+#: What is fitted unless `names` says otherwise.
+NAMES = ("V_L", "B_a", "b_g", "K_g", "F_0")
+SIGNALS = ("position", "velocity", "acceleration")
+
+#: Rise of χ² at the ends of a 95 % interval of one parameter.
+RISE = 3.84
+#: Parameters are looked for from 1/3 to 3 times the axis' values.
+_RANGE = 3.0
+#: Relative steps of the differences. The exact solution is smooth down to rounding; one of fixed
+#: steps jumps as switches move from one step into the next, which at 1e-4 s spoils the slopes of
+#: differences over less than 1e-3 altogether, and standard errors by 25 % at 1e-3, by 4 % at 1e-2.
+_STEP_EXACT, _STEP_FIXED = 1e-6, 1e-2
+#: Two ends are the same minimum if χ² differs by less.
+_SAME = 0.1
+#: Checks of residuals are passed up to this many standard deviations.
+SURPRISE = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted to what: a record, the axis it is of, and the parameters that are free."""
+
+    measurement: Measurement
+    axis: AxisParameters  #: values that are held, and starts of the others
+    instrument: Instrument
+    names: tuple[str, ...]
+    low: np.ndarray  #: lowest logarithms allowed
+    high: np.ndarray
+    method: Tableau | None = None
+    step_size: float | None = None
+
+    def parameters(self, x: np.ndarray) -> AxisParameters:
+        """The axis with the logarithms `x` of the free parameters. K_1, a setting, stays."""
+        values = zip(self.names, np.exp(x).tolist(), strict=True)
+        return self.axis.replace(**{"K_1": self.axis.K_1, **dict(values)})
+
+    def model(self, points: Sequence[np.ndarray]) -> np.ndarray:
+        """Signals (r, 3, n) of an ideal instrument for r points, in units of noise."""
+        axes, t = [self.parameters(x) for x in points], self.measurement.elapsed
+        schedule, end = self.measurement.schedule, float(t[-1])
+        if self.method is None:
+            y = simulate_many(axes, schedule, end, t, threads=1)
+        else:
+            how: dict[str, Any] = {"method": self.method, "step_size": self.step_size}
+            y = np.array([simulate(p, schedule, end, **how)(t) for p in axes])
+        return signals(y, t, self.axis) / self.instrument.deviations
+
+    @cached_property
+    def line(self) -> np.ndarray:
+        """What a bias of 1 m/s² and a drift of 1 m/s² in a second add, (n, 2) in units of noise."""
+        t = self.measurement.elapsed
+        return np.column_stack([np.ones_like(t), t]) / self.instrument.acceleration
+
+    def detrended(self, curves: np.ndarray) -> np.ndarray:
+        """Curves (..., 3, n) without what bias and drift of the accelerometer explain of them."""
+        basis, _ = np.linalg.qr(self.line)
+        out = curves.copy()
+        out[..., 2, :] -= curves[..., 2, :] @ basis @ basis.T
+        return out
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Model less record (3n,) in units of noise, bias and drift eliminated."""
+        record = self.measurement.signals / self.instrument.deviations
+        return self.detrended(self.model([x])[0] - record).ravel()
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives (3n, k) of the residuals: differences, inwards, all from one batch."""
+        step = _STEP_EXACT if self.method is None else _STEP_FIXED
+        steps = np.where(x + step <= self.high, step, -step)
+        model = self.model([x, *(x + np.diag(steps))])
+        slopes = (model[1:] - model[0]) / steps[:, None, None]
+        return self.detrended(slopes).reshape(len(x), -1).T
+
+    def solve(self, start: np.ndarray) -> OptimizeResult:
+        """Least squares from one start."""
+        tolerance = 1e-10 if self.method is None else 1e-7  # a fixed step makes χ² rough
+        return least_squares(
+            self.residuals,
+            np.clip(start, self.low + 1e-9, self.high - 1e-9),
+            self.jacobian,
+            (self.low, self.high),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=1e-9,
+            gtol=1e-9,
+            max_nfev=200,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Parameters that describe a record best."""
+
+    problem: Problem
+    logarithms: np.ndarray  #: (k,) of the estimates
+    covariance: np.ndarray  #: (k, k) of the logarithms
+    residuals: np.ndarray  #: (3, n) model less record in units of noise, without bias and drift
+    bias: float  #: of the accelerometer at the first sample, m/s²
+    drift: float  #: of the accelerometer, m/s² in a second
+    start_chi_squared: np.ndarray  #: χ² at which each start ended
+    nfev: int  #: evaluations of the residuals, all starts
+    converged: bool  #: whether the best start met a tolerance before it ran out of evaluations
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters fitted, in the order of all else."""
+        return self.problem.names
+
+    @property
+    def values(self) -> np.ndarray:
+        """Estimates (k,) in SI units."""
+        return np.exp(self.logarithms)
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Standard errors (k,), from the slopes and the instrument's noise."""
+        return self.values * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix (k, k) of the estimates."""
+        deviations = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(deviations, deviations)
+
+    @property
+    def parameters(self) -> AxisParameters:
+        """The axis with the estimates."""
+        return self.problem.parameters(self.logarithms)
+
+    @property
+    def saturation_current(self) -> tuple[float, float]:
+        """I_M = K_i V_L in amperes and its standard error (zero if V_L was held)."""
+        errors = dict(zip(self.names, self.standard_errors, strict=True))
+        K_i = self.parameters.K_i
+        return K_i * self.parameters.V_L, float(K_i * errors.get("V_L", 0.0))
+
+    @property
+    def chi_squared(self) -> float:
+        """Sum of the squared residuals in units of noise."""
+        return float(np.sum(self.residuals**2))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Number of residuals less the parameters fitted, bias and drift."""
+        return self.residuals.size - len(self.names) - 2
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Parameters that ended at a bound: their estimates and standard errors mean little."""
+        near = np.minimum(self.logarithms - self.problem.low, self.problem.high - self.logarithms)
+        return tuple(np.array(self.names)[near < 1e-6].tolist())
+
+    @property
+    def other_minima(self) -> int:
+        """Number of starts that ended in another minimum than the best one."""
+        return int(np.sum(self.start_chi_squared > self.start_chi_squared.min() + _SAME))
+
+
+def fit(
+    measurement: Measurement,
+    axis: AxisParameters,
+    instrument: Instrument,
+    *,
+    names: Sequence[str] = NAMES,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    method: Tableau | None = None,
+    step_size: float | None = None,
+    starts: int = 5,
+    seed: int = 0,
+) -> Fit:
+    """Estimate parameters of an axis from its measured motion.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The record.
+    axis : AxisParameters
+        Values of all parameters; those fitted start from them. ``K_1`` is a known setting and
+        does not follow the others.
+    instrument : Instrument
+        Noise of the signals, which weights the residuals.
+    names : sequence of str
+        Parameters to fit.
+    bounds : mapping of name to (low, high), optional
+        Range of a parameter, positive; a third of the axis' value to three times it if left out.
+    method, step_size : optional
+        A Runge-Kutta method and its step in s, as for `armsim.arm.simulate`; exact if left out.
+    starts : int
+        Searches: one from the axis' values, the others spread over the bounds.
+    seed : int
+        Of the spread.
+
+    Returns
+    -------
+    Fit
+        Of the best start.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a name is unknown or repeated, a bound or the number of starts is not allowed, or the
+        record holds no motion to fit.
+    IntegrationError
+        If a run fails, such as with too coarse a step.
+
+    Examples
+    --------
+    >>> from armsim.arm.identify import fit
+    >>> from armsim.arm.measurement import read_axis, read_measurement
+    >>> from armsim.paths import DATA
+    >>> record = read_measurement(DATA / "measurements" / "x_axis_test.csv")
+    >>> found = fit(record, *read_axis(DATA / "axes" / "x.toml"))
+    >>> print(f"K_g = {found.values[3]:.3g} N/m, give or take {found.standard_errors[3]:.1g}")
+    K_g = 5.41e+06 N/m, give or take 3e+03
+    """
+    if not isinstance(measurement, Measurement):
+        raise TypeError(f"measurement = {measurement!r}: a Measurement is needed")
+    if method is None and step_size is not None:
+        raise ValueError(f"step_size = {step_size!r} is for a Runge-Kutta method; give one")
+    if not measurement.set_velocity.any():
+        raise ValueError("the set velocity is 0 V all the time: there is no motion to fit")
+    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+        raise ValueError(f"starts = {starts!r} is not allowed; it must be at least 1")
+    low, high = np.log(_bounds(axis, tuple(names), bounds or {})).T
+    problem = Problem(measurement, axis, instrument, tuple(names), low, high, method, step_size)
+    spread = qmc.LatinHypercube(len(low), seed=np.random.default_rng(seed)).random(starts - 1)
+    first = np.log([getattr(axis, name) or 1e-300 for name in names])
+    ends = [problem.solve(start) for start in [first, *(low + spread * (high - low))]]
+    best = min(ends, key=lambda end: end.cost)
+    return _finished(problem, best, ends)
+
+
+def _finished(problem: Problem, best: OptimizeResult, ends: Sequence[OptimizeResult]) -> Fit:
+    slopes = problem.jacobian(best.x)
+    record = problem.measurement.signals / problem.instrument.deviations
+    miss = record[2] - problem.model([best.x])[0, 2]
+    bias, drift = np.linalg.lstsq(problem.line, miss, rcond=None)[0]
+    return Fit(
+        problem,
+        best.x,
+        _covariance(slopes),
+        best.fun.reshape(3, -1),
+        float(bias),
+        float(drift),
+        np.array([2 * end.cost for end in ends]),
+        sum(end.nfev for end in ends),
+        best.status > 0,
+    )
+
+
+def _covariance(slopes: np.ndarray) -> np.ndarray:
+    """Inverse of the information matrix; huge, not infinite, where the data say nothing."""
+    scale = np.linalg.norm(slopes, axis=0)
+    scale[scale == 0] = 1.0
+    _, s, basis = np.linalg.svd(slopes / scale, full_matrices=False)
+    root = basis.T / np.maximum(s, 1e-12) / scale[:, None]
+    return root @ root.T
+
+
+def _bounds(
+    axis: AxisParameters, names: Sequence[str], given: Mapping[str, tuple[float, float]]
+) -> np.ndarray:
+    """Lowest and highest value (k, 2) of each parameter."""
+    known = [item.name for item in dataclasses.fields(axis)]
+    wrong = [name for name in names if name not in known or name == "K_1"]
+    if wrong or not names or len(set(names)) < len(names):
+        raise ValueError(
+            f"names = {names!r}: one or more different parameters are needed, of "
+            f"{', '.join(name for name in known if name != 'K_1')}"
+        )
+    if extra := [name for name in given if name not in names]:
+        raise ValueError(f"bounds for {', '.join(extra)}, not among the fitted {', '.join(names)}")
+    rows = []
+    for name in names:
+        value = getattr(axis, name)
+        low, high = given.get(name, (value / _RANGE, value * _RANGE))
+        if not 0 < low < high < math.inf:
+            raise ValueError(f"bounds of {name}: {low} to {high}; 0 < low < high are needed")
+        rows.append((low, high))
+    return np.array(rows)
+
+
+# --- how far the data tell them -----------------------------------------------------------------
+
+
+def profile(fit: Fit, name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Profile likelihood: the rise of χ² when one parameter is held and the others are refitted.
+
+    Parameters
+    ----------
+    fit : Fit
+        The best fit.
+    name : str
+        Of a fitted parameter.
+    values : (m,) array_like
+        Values to hold it at, positive.
+
+    Returns
+    -------
+    (m,) array
+        χ² less that of the fit. It reaches `RISE` at the ends of the 95 % interval.
+
+    Raises
+    ------
+    ValueError
+        If the parameter was not fitted or a value is not positive.
+    """
+    at = np.asarray(values, dtype=float)
+    if name not in fit.names:
+        raise ValueError(f"{name!r} was not fitted; allowed are {', '.join(fit.names)}")
+    if at.ndim != 1 or not (at > 0).all():
+        raise ValueError(f"values = {values!r}: a row of positive numbers is needed")
+    n = fit.names.index(name)
+    rise, middle = np.empty(at.size), fit.values[n]
+    # Outwards on either side, each refit from the one before.
+    for side in (np.flatnonzero(at >= middle), np.flatnonzero(at < middle)):
+        start = np.delete(fit.logarithms, n)
+        for m in side[np.argsort(np.abs(at[side] - middle))]:
+            cost, start = _held(fit, n, at[m], start)
+            rise[m] = cost - fit.chi_squared
+    return rise
+
+
+def _held(fit: Fit, n: int, value: float, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return χ² with one parameter held, and the logarithms of the others."""
+    whole = fit.problem
+    rest = dataclasses.replace(
+        whole,
+        axis=whole.axis.replace(**{"K_1": whole.axis.K_1, fit.names[n]: value}),
+        names=tuple(np.delete(whole.names, n)),
+        low=np.delete(whole.low, n),
+        high=np.delete(whole.high, n),
+    )
+    if not rest.names:
+        return float(np.sum(rest.residuals(start) ** 2)), start
+    end = rest.solve(start)
+    return 2 * end.cost, end.x
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """How far the data tell one parameter, provided that the model passes `check_model`."""
+
+    name: str
+    relative_error: float  #: standard error as a share of the value
+    correlation: float  #: the largest, with `partner`
+    partner: str
+    interval: tuple[float, float]  #: 95 %, by the profile; NaN where χ² rises too little
+    verdict: str
+
+
+def identifiability(fit: Fit) -> list[Identifiability]:
+    """Tell of each fitted parameter whether the data identify it.
+
+    A parameter is identified if the profile likelihood leaves the 95 % interval on both sides
+    within the bounds; the verdict adds when the estimate hangs together with another.
+
+    Parameters
+    ----------
+    fit : Fit
+        The best fit.
+
+    Returns
+    -------
+    list of Identifiability
+        One a parameter, in the order of ``fit.names``.
+    """
+    found = []
+    for n, name in enumerate(fit.names):
+        others = np.delete(fit.correlation[n], n)
+        k = int(np.argmax(np.abs(others))) if others.size else -1
+        correlation = float(others[k]) if others.size else 0.0
+        partner = np.delete(fit.names, n)[k] if others.size else ""
+        interval = _end(fit, n, -1), _end(fit, n, 1)
+        sides = zip(("below", "above"), interval, strict=True)
+        missing = [side for side, end in sides if math.isnan(end)]
+        verdict = f"not bounded from {' and '.join(missing)}" if missing else "identified"
+        if abs(correlation) > 0.95:
+            verdict += f", together with {partner}"
+        error = float(fit.standard_errors[n] / fit.values[n])
+        found.append(Identifiability(name, error, correlation, str(partner), interval, verdict))
+    return found
+
+
+def _end(fit: Fit, n: int, side: int) -> float:
+    """End of the 95 % interval on one side by the profile, NaN if it lies beyond the bounds."""
+    best, name = fit.logarithms[n], fit.names[n]
+    limit = float((fit.problem.low, fit.problem.high)[side > 0][n])
+    reach = math.sqrt(RISE) * math.sqrt(fit.covariance[n, n])
+
+    def excess(x: float) -> float:
+        return float(profile(fit, name, [math.exp(x)])[0]) - RISE
+
+    inner, outer = best, best
+    while True:
+        outer = min(outer + reach, limit) if side > 0 else max(outer - reach, limit)
+        if excess(outer) > 0:
+            return math.exp(brentq(excess, inner, outer, xtol=0.01 * reach))
+        if outer == limit:
+            return math.nan
+        inner, reach = outer, 2 * reach
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Estimates from many records drawn from the fitted model."""
+
+    names: tuple[str, ...]
+    values: np.ndarray  #: (n, k) in SI units
+
+    def interval(self, share: float = 0.95) -> np.ndarray:
+        """Percentile intervals (k, 2) that hold a share of the estimates."""
+        tail = 100 * (1 - share) / 2
+        return np.percentile(self.values, [tail, 100 - tail], axis=0).T
+
+
+def bootstrap(
+    fit: Fit,
+    n: int = 1000,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: bool = True,
+) -> Bootstrap:
+    """Parametric bootstrap: refit records of the fitted motion with fresh noise.
+
+    Parameters
+    ----------
+    fit : Fit
+        The best fit, from which each refit starts.
+    n : int
+        Number of refits, at least 2.
+    seed : int
+        Of the noise. Each refit has random numbers of its own, so that results do not depend on
+        the number of workers.
+    executor, progress
+        As for `armsim.arm.study`.
+
+    Raises
+    ------
+    ValueError
+        If `n` is less than 2.
+    StudyError
+        If a refit fails.
+    """
+    if isinstance(n, bool) or n < 2:
+        raise ValueError(f"n = {n!r} is not allowed; it must be at least 2")
+    ideal = fit.problem.model([fit.logarithms])[0]
+    # Bias and drift cancel in the residuals, so the records may go without.
+    run = partial(_refit, fit.problem, fit.logarithms, ideal)
+    values = study(np.random.SeedSequence(seed).spawn(n), run, executor=executor, progress=progress)
+    return Bootstrap(fit.names, np.array(values))
+
+
+def _refit(
+    problem: Problem, start: np.ndarray, ideal: np.ndarray, seed: np.random.SeedSequence
+) -> np.ndarray:
+    noise = np.random.default_rng(seed).standard_normal(ideal.shape)
+    seen = (ideal + noise) * problem.instrument.deviations
+    columns = dict(zip(SIGNALS, seen, strict=True))
+    record = dataclasses.replace(problem.measurement, **columns)
+    return np.exp(dataclasses.replace(problem, measurement=record).solve(start).x)
+
+
+# --- whether the model is right -----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the residuals of one signal say about the model."""
+
+    signal: str
+    chi_squared: float  #: a sample: 1 if the model and the noise are right
+    autocorrelation: float  #: from one sample to the next: 0 if the model is right
+    surprise: float  #: the larger of both deviations, in standard deviations
+
+    @property
+    def passed(self) -> bool:
+        """Whether chance explains the residuals."""
+        return self.surprise <= SURPRISE
+
+
+def check_model(fit: Fit) -> list[Check]:
+    """Look for what the model does not explain: residuals too large, or alike from one to the next.
+
+    Parameters
+    ----------
+    fit : Fit
+        The best fit.
+
+    Returns
+    -------
+    list of Check
+        For position, velocity and acceleration.
+    """
+    checks = []
+    for signal, row in zip(SIGNALS, fit.residuals, strict=True):
+        chi_squared = float(np.mean(row**2))
+        autocorrelation = float(np.sum(row[1:] * row[:-1]) / np.sum(row**2))
+        # χ² of n samples has the variance 2n; the autocorrelation of white noise, 1/n.
+        deviations = abs(chi_squared - 1) / math.sqrt(2), abs(autocorrelation)
+        surprise = math.sqrt(row.size) * max(deviations)
+        checks.append(Check(signal, chi_squared, autocorrelation, surprise))
+    return checks
