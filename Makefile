@@ -60,8 +60,12 @@ $(INSTALLED): pyproject.toml $(LOCKED)
 book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m armsim.report.notebooks $< $(@D)
 
+VERDICTS := book/results/verdicts.md
+$(VERDICTS): $(RESULTS) data/paper/claims.toml
+	@$(BIN)/python -m armsim.report.claims $(@D)
+
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.
-$(BUILT): $(PAGES) $(RESULTS) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
+$(BUILT): $(PAGES) $(RESULTS) $(VERDICTS) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
 	@echo 'Building the HTML'
 	@rm -rf $@ _build/html _build/.doctrees
 	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null
