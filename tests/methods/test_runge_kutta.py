@@ -248,6 +248,8 @@ def test_systems_of_any_size(size):
     for fun in (decay, decay.py_func):
         found = integrate(fun, (0, 1), np.ones(size), tableaux.RK6, 0.05, args=(rates,))
         assert found.y[:, -1] == pytest.approx(np.exp(-rates), rel=1e-8)
+        found = integrate(fun, (0, 1), np.ones(size), tableaux.DP5, args=(rates,), rtol=1e-9)
+        assert found.y[:, -1] == pytest.approx(np.exp(-rates), rel=1e-8)
 
 
 def test_initial_state_is_not_changed():

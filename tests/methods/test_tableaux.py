@@ -8,7 +8,7 @@ import sympy
 from nodepy import rk
 from scipy.integrate import RK45
 
-from armsim.methods import tableaux
+from armsim.methods import tableaux, trees
 from armsim.methods.tableaux import DP4, DP5, PRINTED, RK4_GILL, RK5, RK6, Tableau
 
 # Butcher (1964), one list of (stage, previous stage, numerator, denominator) for each method,
@@ -55,6 +55,22 @@ def test_dormand_prince_is_scipys():
     assert np.array_equal(b[:6], RK45.B)
     assert np.array_equal(c[:6], RK45.C)
     assert np.allclose(b - DP4.floats()[1], -RK45.E, rtol=0, atol=2e-17)
+
+
+def test_the_interpolant_ends_at_the_step_and_is_of_fourth_order_between():
+    P = sympy.Matrix(DP5.interpolant.tolist())
+    powers = sympy.ones(4, 1)
+    assert list(P * powers) == list(DP5.b)  # at the end of the step
+    assert list(P * sympy.Matrix([1, 2, 3, 4])) == [0] * 6 + [1]  # its slope there: the last stage
+    assert list(P[:, 0]) == [1] + [0] * 6  # its slope at the start: the first one
+    A = DP5.A.tolist()
+    for theta in map(sympy.Rational, ("1/7", "1/3", "1/2", "4/5", "9/8")):  # degree 4: enough
+        b = list(P * sympy.Matrix([theta**n for n in range(1, 5)]))
+        for order in range(1, 5):
+            for tree in trees.rooted_trees(order):
+                assert trees.elementary_weight(tree, A, b) == theta**order / trees.density(tree)
+    floats = np.array(DP5.interpolant.tolist(), dtype=float)
+    assert np.allclose(floats, RK45.P, rtol=1e-15, atol=0)
 
 
 def test_gills_surds_are_exact():

@@ -110,7 +110,7 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
     Returns
     -------
     str
-        Python source that calls ``fun``, ``exp``, ``expm1`` and ``maximum``.
+        Python source that calls ``fun``, ``exp``, ``expm1``, ``fabs`` and ``maximum``.
     """
     rule, shifted = FORMS[form], form != "additive"
     A, b, c = (part.tolist() for part in tableau.floats())
@@ -168,7 +168,7 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
             f"e{p} = {rule.error.format(x=f'x{p}', z=joined(difference, p))}" for p, _ in parts
         ]
         + each(
-            f"w{{p}} = e{{p}}/(a{{p}} + rtol*maximum(abs(y{{p}}{minus_s}), abs(x{{p}}{minus_s})))"
+            f"w{{p}} = e{{p}}/(a{{p}} + rtol*maximum(fabs(y{{p}}{minus_s}), fabs(x{{p}}{minus_s})))"
         )
         + [f"error = {square}"],
         "slopes": [
@@ -190,7 +190,7 @@ def _filled(template: str, blocks: dict[str, list[str]]) -> str:
 
 # --- from source to a function ----------------------------------------------------------------
 
-_NAMES = {"exp": np.exp, "expm1": np.expm1, "maximum": np.maximum}
+_NAMES = {"exp": np.exp, "expm1": np.expm1, "fabs": np.fabs, "maximum": np.maximum}
 _source = cache(loop_source)
 
 

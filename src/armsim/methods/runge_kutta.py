@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from numbers import Real
 from typing import Any, Literal
 
@@ -171,7 +172,7 @@ def _adaptive(
         raise ValueError(f"atol = {atol}: every component must be finite and not negative")
     (t, end), y, stages = t_span, y0, tableau.stages
     loop, state = _loop(fun, tableau, form, t, y0, args, adaptive=True)
-    power = -0.5 / (min(trees.order(tableau), _embedded_order(tableau)) + 1)
+    power = -0.5 / (_lower_order(tableau) + 1)
     h, nfev = _first_step(fun, t, end, y0, atol + rtol * np.abs(y0), 2 * power, args)
     times, states, slopes, rejected = [np.array([t])], [y0[:, None]], [], 0
     method = f"{tableau.name}, {form} form, rtol {rtol:g}"
@@ -198,8 +199,11 @@ def _adaptive(
     return Solution(solution.t, solution.y, nfev, rejected, extension)
 
 
-def _embedded_order(tableau: Tableau) -> int:
-    return trees.order(Tableau(f"{tableau.name} embedded", tableau.A, tableau.b_embedded))
+@cache
+def _lower_order(tableau: Tableau) -> int:
+    """Of the two orders of a pair; found exactly, which takes longer than a short integration."""
+    embedded = Tableau(f"{tableau.name} embedded", tableau.A, tableau.b_embedded)
+    return min(trees.order(tableau), trees.order(embedded))
 
 
 def _first_step(

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-_SYMBOLS = set("1 % s ms µs V A m mm µm kg N J W Hz rad Ω H".split())
+_SYMBOLS = set("1 % s ms µs V A m mm µm km kg N J W mW Hz rad Ω H".split())
 _LIST = re.compile(r"(?:(?P<count>\d+)(?P<more> or more)? values, )?each (?P<range>.+)")
 _INTERVAL = re.compile(r"(?P<low>\S+) to (?P<high>\S+)|(?P<open>above|at least) (?P<least>\S+)")
 _BOOLS = {"true": True, "yes": True, "false": False, "no": False}

@@ -1,0 +1,208 @@
+r"""A Raman fibre amplifier, the kind of problem that the exponential form was made for.
+
+Along the fibre the power of each wave, pump or signal, obeys P' = P F(P):
+
+.. math:: \frac{dP_i}{dz} = P_i \Bigl(-\alpha_i + \sum_j g_{ij} P_j\Bigr)
+
+A wave is amplified by those of higher frequency, :math:`g_{ij} > 0` for :math:`\nu_j > \nu_i`, and
+pays for the gain of those of lower frequency, photon for photon:
+:math:`g_{ij} \nu_j = -g_{ji} \nu_i`. All waves travel the same way, so this is an initial-value
+problem. A pump from the far end would make it a boundary-value problem, which shooting reduces to
+a sequence of initial-value problems like this one. Noise and Rayleigh scattering are left out.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from scipy.constants import c
+from scipy.special import wofz
+
+from armsim.methods.runge_kutta import require_positive
+
+#: Vibrational modes of silica: position, strength, and full widths at half maximum of the Gaussian
+#: and of the Lorentzian part, in 1/cm but for the strength, which is relative. Hollenbeck and
+#: Cantrell, J. Opt. Soc. Am. B 19 (2002) 2886, table 1.
+_MODES = np.array(
+    [
+        [56.25, 1.00, 52.10, 17.37],
+        [100.00, 11.40, 110.42, 38.81],
+        [231.25, 36.67, 175.00, 58.33],
+        [362.50, 67.67, 162.50, 54.17],
+        [463.00, 74.00, 135.33, 45.11],
+        [497.00, 4.50, 24.50, 8.17],
+        [611.50, 6.80, 41.50, 13.83],
+        [691.67, 4.60, 155.00, 51.67],
+        [793.67, 4.20, 59.50, 19.83],
+        [835.50, 4.50, 64.30, 21.43],
+        [930.00, 2.70, 150.00, 50.00],
+        [1080.00, 3.10, 91.00, 30.33],
+        [1215.00, 3.00, 160.00, 53.33],
+    ]
+)
+
+
+def _spectrum(shift: np.ndarray) -> np.ndarray:
+    r"""Sine transform of :math:`\sum A e^{-\gamma t - (\Gamma t/2)^2} \sin\omega t`, unscaled."""
+    position, strength, gauss, lorentz = (_MODES * [2, 1, 1, 1]).T
+    to_width = 100 * np.pi * c  # from 1/cm, full width, to half of it in rad/s
+
+    def part(detuning: np.ndarray) -> np.ndarray:
+        return (wofz((detuning + 1j * lorentz * to_width) / (gauss * to_width)) / gauss).real
+
+    omega = 2 * np.pi * np.asarray(shift)[..., None]
+    centre = position * to_width
+    return ((part(omega - centre) - part(omega + centre)) * strength).sum(axis=-1)
+
+
+_PEAK = _spectrum(np.linspace(13e12, 13.4e12, 4001)).max()
+
+
+def raman_spectrum(shift: float | np.ndarray) -> np.ndarray:
+    """Raman gain of silica at a frequency shift in Hz, relative to its peak near 13 THz.
+
+    The 13-mode model of Hollenbeck and Cantrell in closed form. An odd function of the shift.
+    """
+    return _spectrum(np.asarray(shift, dtype=float)) / _PEAK
+
+
+@dataclass(frozen=True)
+class RamanAmplifier:
+    """Pumps and signals that enter a single-mode fibre at one end.
+
+    Sizes are those of a distributed amplifier for the C and L bands (Bromage, J. Lightwave Technol.
+    22 (2004) 79), the values are our choice.
+
+    Parameters
+    ----------
+    pump_wavelengths, pump_powers : tuple of float
+        In m and W.
+    channels : int
+        Number of signals, equally spaced in frequency over `band`.
+    band : (float, float)
+        Shortest and longest wavelength of a signal, m.
+    channel_power : float
+        Power of each signal at the input, W; 1 mW is 0 dBm.
+    length : float
+        Length of the fibre, m.
+    effective_area : float
+        m². 80 µm² is common in standard single-mode fibre.
+    peak_gain : float
+        Raman gain at the peak for unpolarized light and a pump of 1450 nm, m/W; in proportion to
+        the pump's frequency elsewhere. Over the area above it is 0.4 /(W km).
+    rayleigh, infrared : float
+        Loss is rayleigh/λ⁴ + infrared exp(-48.48 µm/λ), in dB m³ and dB/m; together 0.19 dB/km at
+        1550 nm. Two zeros make the fibre lossless.
+    """
+
+    pump_wavelengths: tuple[float, ...] = (1425e-9, 1436e-9, 1450e-9, 1466e-9, 1495e-9)
+    pump_powers: tuple[float, ...] = (0.2, 0.2, 0.15, 0.1, 0.1)
+    channels: int = 80
+    band: tuple[float, float] = (1530e-9, 1610e-9)
+    channel_power: float = 1e-3
+    length: float = 50e3
+    effective_area: float = 80e-12
+    peak_gain: float = 3.2e-14
+    rayleigh: float = 1.0e-27
+    infrared: float = 7.8e8
+
+    def __post_init__(self) -> None:
+        if len(self.pump_wavelengths) != len(self.pump_powers):
+            raise ValueError(
+                f"{len(self.pump_wavelengths)} pump_wavelengths and {len(self.pump_powers)} "
+                "pump_powers: one power is needed for each pump"
+            )
+        if self.channels < 1:
+            raise ValueError(f"channels = {self.channels!r}: at least 1 is needed")
+        for name in ("channel_power", "length", "effective_area", "peak_gain"):
+            require_positive(name, getattr(self, name))
+
+    @cached_property
+    def frequency(self) -> np.ndarray:
+        """Of each wave, pumps first, Hz."""
+        signals = np.linspace(c / self.band[0], c / self.band[1], self.channels)
+        return np.concatenate([c / np.array(self.pump_wavelengths), signals])
+
+    @cached_property
+    def input_power(self) -> np.ndarray:
+        """Of each wave, W."""
+        return np.array([*self.pump_powers, *[self.channel_power] * self.channels])
+
+    @cached_property
+    def loss(self) -> np.ndarray:
+        """α of each wave, 1/m."""
+        wavelength = c / self.frequency
+        decibels = self.rayleigh / wavelength**4
+        decibels += self.infrared * np.exp(-48.48e-6 / wavelength)
+        return decibels * np.log(10) / 10
+
+    @cached_property
+    def gain(self) -> np.ndarray:
+        """g, 1/(W m): entry [j, i] is what a watt of wave j adds to the growth rate of wave i."""
+        source, wave = self.frequency[:, None], self.frequency[None, :]
+        higher = np.maximum(source, wave) / (c / 1450e-9)
+        photons = np.where(source < wave, wave / source, 1.0)
+        scale = self.peak_gain / self.effective_area
+        return scale * higher * photons * raman_spectrum(source - wave)
+
+    @property
+    def args(self) -> tuple[np.ndarray, np.ndarray]:
+        """What `rhs` takes after z and P."""
+        return self.loss, self.gain
+
+    def photons(self, power: np.ndarray) -> np.ndarray:
+        """Photon flux, Σ P/hν up to h: without loss it is the same all along the fibre."""
+        return np.tensordot(1 / self.frequency, power, axes=1)
+
+
+@njit(cache=True)
+def growth_rate(power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """F, the relative growth of each power along the fibre, 1/m."""
+    rate = -loss
+    for j in range(power.size):
+        for i in range(power.size):  # without gaps in memory, so that it is vectorized
+            rate[i] += gain[j, i] * power[j]
+    return rate
+
+
+@njit(cache=True)
+def rhs(z: float, power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """dP/dz = P F(P), W/m, with the arguments of `scipy.integrate.solve_ivp`."""
+    return power * growth_rate(power, loss, gain)
+
+
+@njit(cache=True)
+def log_rhs(z: float, log_power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """The same equations for ln P."""
+    return growth_rate(np.exp(log_power), loss, gain)
+
+
+@njit(cache=True)
+def average_power(
+    power: np.ndarray,
+    loss: np.ndarray,
+    gain: np.ndarray,
+    length: float,
+    sections: int,
+    evaluations: int,
+) -> np.ndarray:
+    r"""Powers at the fibre's end by the average-power method.
+
+    In a section of length h every power is multiplied by :math:`G_i = \exp(h F_i(\bar P))`. F is
+    linear in the powers, so this is exact if :math:`\bar P` is their mean over the section. The
+    method takes the mean of an exponential with the same ends, :math:`P_i (G_i - 1)/\ln G_i`, which
+    needs G: the first evaluation of F is made at the powers that enter, each further one at the
+    means that the one before gives. One evaluation is the exponential form of Euler's method; two
+    or more are of second order.
+    """
+    h = length / sections
+    power = power.copy()
+    for _ in range(sections):
+        mean = power
+        for n in range(evaluations):
+            exponent = h * growth_rate(mean, loss, gain)
+            if n < evaluations - 1:
+                mean = power * np.where(exponent == 0, 1.0, np.expm1(exponent) / exponent)
+        power *= np.exp(exponent)
+    return power

@@ -1,0 +1,172 @@
+"""The Raman amplifier: its spectrum, what it conserves, and solutions in closed form."""
+
+import numpy as np
+import pytest
+from scipy.constants import c
+from scipy.integrate import quad, solve_ivp
+
+from armsim.amplifier import (
+    _MODES,
+    RamanAmplifier,
+    average_power,
+    growth_rate,
+    log_rhs,
+    raman_spectrum,
+    rhs,
+)
+from armsim.methods import integrate, tableaux
+
+AMPLIFIER = RamanAmplifier(channels=20)
+
+
+def powers_at_the_end(amplifier, method, rtol):
+    run = solve_ivp(
+        rhs, (0, amplifier.length), amplifier.input_power, method, args=amplifier.args,
+        rtol=rtol, atol=0,
+    )  # fmt: skip
+    return run.y[:, -1]
+
+
+# --- the fibre --------------------------------------------------------------------------------
+
+
+def test_the_spectrum_is_odd_with_its_peak_near_13_terahertz():
+    shift = np.linspace(0, 40e12, 4001)
+    gain = raman_spectrum(shift)
+    assert gain.max() == pytest.approx(1, abs=1e-5)
+    assert shift[gain.argmax()] == pytest.approx(13.2e12, abs=0.1e12)
+    assert raman_spectrum(-shift) == pytest.approx(-gain, abs=1e-14)
+    assert (gain[1:] > 0).all()
+
+
+def test_the_spectrum_is_the_sine_transform_of_the_response():
+    position, strength, gauss, lorentz = (_MODES * [2, 1, 1, 1]).T * 100 * np.pi * c * 1e-12
+    strength = strength / (100 * np.pi * c * 1e-12)
+
+    def response(t):
+        decay = np.exp(-lorentz * t - (gauss * t / 2) ** 2)
+        return (strength * decay * np.sin(position * t)).sum()
+
+    def transform(shift):  # in THz
+        return quad(lambda t: response(t) * np.sin(2 * np.pi * shift * t), 0, 5, limit=2000)[0]
+
+    found = transform(5.0) / transform(13.2)
+    assert found == pytest.approx(raman_spectrum(5e12) / raman_spectrum(13.2e12), rel=1e-8)
+
+
+def test_gain_and_loss_are_those_of_a_standard_fibre():
+    loss = dict(zip(1e9 * c / AMPLIFIER.frequency, AMPLIFIER.loss, strict=True))
+    near_1550 = min(loss, key=lambda wavelength: abs(wavelength - 1550))
+    assert 1e4 * loss[near_1550] / np.log(10) == pytest.approx(0.19, abs=0.005)
+    pair = RamanAmplifier((1450e-9,), (0.1,), 1, (c / (c / 1450e-9 - 13.2e12),) * 2)
+    assert 1e3 * pair.gain[0, 1] == pytest.approx(0.4, rel=1e-3)
+
+
+def test_an_interaction_takes_as_many_photons_as_it_gives():
+    photons = AMPLIFIER.gain * AMPLIFIER.frequency[:, None]
+    assert photons == pytest.approx(-photons.T, rel=1e-12)
+    assert (np.diag(photons) == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pump_powers": (0.1,)}, "5 pump_wavelengths and 1 pump_powers"),
+        ({"channels": 0}, "channels = 0"),
+        ({"length": -1.0}, "length = -1.0"),
+    ],
+)
+def test_an_impossible_amplifier_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        RamanAmplifier(**change)
+
+
+# --- solutions --------------------------------------------------------------------------------
+
+
+def test_without_loss_photons_are_conserved():
+    lossless = RamanAmplifier(channels=20, rayleigh=0.0, infrared=0.0)
+    run = integrate(rhs, (0, 50e3), lossless.input_power, tableaux.RK6, 100.0, args=lossless.args)
+    photons = lossless.photons(run.y)
+    assert photons == pytest.approx(np.full(run.t.size, photons[0]), rel=1e-13)
+    assert run.y[:5, -1].sum() < 0.5 * run.y[:5, 0].sum()  # so that it was not for want of gain
+
+
+def test_without_gain_every_form_and_method_leaves_the_loss():
+    dark = RamanAmplifier(channels=20, peak_gain=1e-40)
+    expected = dark.input_power * np.exp(-dark.loss * dark.length)
+    for method in (tableaux.EULER, tableaux.DP5):
+        run = integrate(
+            rhs, (0, dark.length), dark.input_power, method, dark.length, "exponential", dark.args
+        )
+        assert run.y[:, -1] == pytest.approx(expected, rel=1e-14)
+    found = average_power(dark.input_power, *dark.args, dark.length, 1, 2)
+    assert found == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("form", ["additive", "exponential", "exponential product"])
+def test_one_pump_and_one_signal_without_loss_are_logistic(form):
+    pair = RamanAmplifier((1450e-9,), (0.5,), 1, (1550e-9, 1550e-9), 1e-3, rayleigh=0, infrared=0)
+    (pump, signal), flux = pair.input_power / pair.frequency, pair.photons(pair.input_power)
+    rate = pair.gain[0, 1] * pair.frequency[0] * flux
+    run = integrate(rhs, (0, 50e3), pair.input_power, tableaux.RK6, 100.0, form, pair.args)
+    share = 1 / (1 + pump / signal * np.exp(-rate * run.t))
+    assert run.y[1] == pytest.approx(share * flux * pair.frequency[1], rel=1e-12)
+    assert run.y[0] == pytest.approx((1 - share) * flux * pair.frequency[0], rel=1e-12)
+
+
+def test_independent_solvers_agree():
+    explicit = powers_at_the_end(AMPLIFIER, "DOP853", 1e-12)
+    assert powers_at_the_end(AMPLIFIER, "Radau", 1e-11) == pytest.approx(explicit, rel=1e-10)
+    start = np.log(AMPLIFIER.input_power)
+    logarithmic = solve_ivp(
+        log_rhs, (0, 50e3), start, "DOP853", args=AMPLIFIER.args, rtol=1e-13, atol=1e-13
+    )
+    assert np.exp(logarithmic.y[:, -1]) == pytest.approx(explicit, rel=1e-11)
+    for form in ("additive", "exponential"):
+        run = integrate(
+            rhs, (0, 50e3), AMPLIFIER.input_power, tableaux.DP5, None, form, AMPLIFIER.args,
+            rtol=1e-11, atol=0,
+        )  # fmt: skip
+        assert run.y[:, -1] == pytest.approx(explicit, rel=1e-9)
+
+
+def test_powers_stay_positive_in_steps_that_the_additive_form_cannot_take():
+    def run(form):
+        return integrate(
+            rhs, (0, 50e3), AMPLIFIER.input_power, tableaux.RK5, 25e3, form, AMPLIFIER.args
+        ).y
+
+    assert (run("exponential") > 0).all()
+    assert (run("additive") < 0).any()
+
+
+def test_the_growth_rate_is_the_sum_over_the_waves():
+    power = AMPLIFIER.input_power
+    rate = power @ AMPLIFIER.gain - AMPLIFIER.loss
+    assert growth_rate(power, *AMPLIFIER.args) == pytest.approx(rate, rel=1e-12)
+    assert rhs(0.0, power, *AMPLIFIER.args) == pytest.approx(power * rate, rel=1e-12)
+
+
+# --- the average-power method -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("evaluations", "order"), [(1, 1), (2, 2), (5, 2)])
+def test_the_order_of_the_average_power_method(evaluations, order):
+    exact = powers_at_the_end(AMPLIFIER, "DOP853", 1e-12)
+
+    def error(sections):
+        found = average_power(
+            AMPLIFIER.input_power, *AMPLIFIER.args, AMPLIFIER.length, sections, evaluations
+        )
+        return np.abs(found / exact - 1).max()
+
+    assert np.log2(error(1000) / error(2000)) == pytest.approx(order, abs=0.02)
+
+
+def test_the_average_power_method_with_one_evaluation_is_the_exponential_euler_method():
+    found = average_power(AMPLIFIER.input_power, *AMPLIFIER.args, AMPLIFIER.length, 100, 1)
+    euler = integrate(
+        rhs, (0, 50e3), AMPLIFIER.input_power, tableaux.EULER, 500.0, "exponential", AMPLIFIER.args
+    )
+    assert found == pytest.approx(euler.y[:, -1], rel=1e-12)
