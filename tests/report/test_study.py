@@ -134,3 +134,12 @@ def test_run_by_hand_keeps_to_its_own_folder(tmp_path, monkeypatch, glued):
     assert [str(path) for path in tmp_path.rglob("*.json")] == [
         str(tmp_path / "runs" / "20_topic" / "20_topic.json")
     ]
+
+
+def test_data_are_kept_as_csv_under_a_key_of_their_own(study, shown):
+    study.data("raw", pd.DataFrame({"seconds": [0.1, 1 / 3], "function": ["a", "b"]}))
+    text = (study.results / "20_topic-raw.csv").read_text()
+    assert text == "seconds,function\n0.1,a\n0.333333333,b\n"
+    assert not shown
+    with pytest.raises(ValueError, match="only once"):
+        study.figure("raw", figure())

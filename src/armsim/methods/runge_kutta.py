@@ -232,12 +232,17 @@ def _first_step(
     return math.copysign(min(100 * abs(h0), h1, abs(end - t)), end - t), 2
 
 
+@cache
+def _interpolant(tableau: Tableau) -> np.ndarray:
+    assert tableau.interpolant is not None
+    return np.array(tableau.interpolant.tolist(), dtype=float)
+
+
 def _extension(
     run: Solution, slopes: np.ndarray, tableau: Tableau, form: str, s: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Continuous extension y(t + θh), moved from the left end of a step along Σ b_i(θ) k_i."""
-    assert tableau.interpolant is not None
-    P: np.ndarray = np.array(tableau.interpolant.tolist(), dtype=float)
+    P = _interpolant(tableau)
     direction = 1 if run.t[-1] >= run.t[0] else -1
 
     def interpolate(times: np.ndarray) -> np.ndarray:

@@ -134,11 +134,10 @@ class Study:
         path = self.results / f"{self.name}-{key}.svg"
         with mpl.rc_context({"svg.hashsalt": "armsim"}):  # with no date: the same bytes each time
             fig.savefig(path, metadata={"Date": None, "Creator": None}, transparent=True)
+        self._keys.add(key)
         if data is not None:
             columns = {column: pd.Series(np.asarray(data[column])) for column in data}
-            table = pd.DataFrame(columns).to_csv(index=False, float_format="%.9g")
-            self._write(f"{self.name}-{key}.csv", table)
-        self._keys.add(key)
+            self._csv(key, pd.DataFrame(columns))
         alt = alt or f"Figure of the study {self.name[3:]}: {key}".replace("_", " ")
         display(SVG(filename=path), metadata={"image/svg+xml": {"alt": alt}})
         plt.close(fig)
@@ -165,6 +164,23 @@ class Study:
         self._keys.add(key)
         self._write(f"{self.name}-{key}.md", text)
         display(Markdown(text))
+
+    def data(self, key: str, frame: pd.DataFrame) -> None:
+        """Save what no figure shows, such as raw measurements, as ``<results>/<study>-<key>.csv``.
+
+        Parameters
+        ----------
+        key : str
+            Named like a record; once per study, figures and tables included.
+        frame : pandas.DataFrame
+            The index is left out.
+        """
+        _check_key(key, self._keys)
+        self._keys.add(key)
+        self._csv(key, frame)
+
+    def _csv(self, key: str, frame: pd.DataFrame) -> None:
+        self._write(f"{self.name}-{key}.csv", frame.to_csv(index=False, float_format="%.9g"))
 
     def _write(self, name: str, text: str) -> None:
         part = self.results / f".{name}.part"

@@ -1,0 +1,192 @@
+"""Processor time of functions, measured so that the comparison is one of the functions."""
+
+import gc
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+Clock = Callable[[], float]
+
+#: A measurement lasts at least this many times the resolution of the clock.
+RESOLUTIONS = 100
+#: Clocks of processor time; the first one counts helper threads as well.
+CLOCKS: dict[str, Clock] = {"process_time": time.process_time, "thread_time": time.thread_time}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds that each of some functions took, again and again; see `measure`."""
+
+    names: tuple[str, ...]
+    seconds: np.ndarray  #: (repetitions, functions), of one call
+    calls: np.ndarray  #: (repetitions, functions), calls that the measurement is the mean of
+    place: np.ndarray  #: (repetitions, functions), in the order of the repetition, from 0
+    clock: str
+    resolution: float  #: s, of the clock, as measured
+
+    @property
+    def median(self) -> dict[str, float]:
+        """Median seconds of one call, by name."""
+        return dict(zip(self.names, np.median(self.seconds, axis=0).tolist(), strict=True))
+
+    def quartiles(self, name: str) -> tuple[float, float, float]:
+        """Lower quartile, median and upper quartile of the seconds of one function."""
+        return _quartiles(self.of(name))
+
+    def ratios(self, name: str, to: str) -> tuple[float, float, float]:
+        """Quartiles and median, as in `quartiles`, of the ratios within each repetition."""
+        return _quartiles(self.of(name) / self.of(to))
+
+    def of(self, name: str) -> np.ndarray:
+        """Seconds (repetitions,) of one function."""
+        return self.seconds[:, self.names.index(name)]
+
+    def frame(self) -> pd.DataFrame:
+        """Every measurement, in the order in which they were taken; to be kept as CSV."""
+        repetition, column = np.indices(self.seconds.shape)
+        columns = {
+            "repetition": repetition.ravel(),
+            "place": self.place.ravel(),
+            "function": np.array(self.names)[column.ravel()],
+            "calls": self.calls.ravel(),
+            "seconds": self.seconds.ravel(),
+        }
+        return pd.DataFrame(columns).sort_values(["repetition", "place"], ignore_index=True)
+
+
+def measure(
+    functions: Mapping[str, Callable[[], object]],
+    repetitions: int = 7,
+    *,
+    shortest: float = 1e-3,
+    seed: int = 0,
+    clocks: Mapping[str, Clock] = CLOCKS,
+    warm_up: bool = True,
+    progress: Callable[[int], object] = lambda _: None,
+) -> Timing:
+    """Measure the processor time of functions in turn, so that a drift of the machine hits all.
+
+    Every function is first called once without being measured. Then each repetition goes through
+    all of them, in an order of its own, and calls each as often as a measurement needs to last
+    `shortest` and `RESOLUTIONS` times the resolution of the clock. Garbage is collected between
+    repetitions.
+
+    Parameters
+    ----------
+    functions : mapping of name to callable
+        Called without arguments.
+    repetitions : int
+        Measurements of each function.
+    shortest : float
+        s, least duration of a measurement.
+    seed : int
+        Of the order within the repetitions.
+    clocks : mapping of name to clock
+        Of which the finest is taken; the first, unless another is more than twice as fine.
+    warm_up : bool
+        False if the functions have been called already.
+    progress : callable, optional
+        Called with 1 after each measurement, as a progress bar's `update`.
+
+    Returns
+    -------
+    Timing
+
+    Raises
+    ------
+    ValueError
+        If there is no function, or the number of repetitions is not positive.
+    """
+    if not functions or repetitions < 1:
+        raise ValueError(
+            f"{len(functions)} functions and {repetitions} repetitions; at least 1 is needed"
+        )
+    resolutions = {name: resolution(clock) for name, clock in clocks.items()}
+    chosen = next(iter(clocks))
+    for name, value in resolutions.items():
+        chosen = name if 2 * value < resolutions[chosen] else chosen
+    clock, least = clocks[chosen], max(shortest, RESOLUTIONS * resolutions[chosen])
+    names, todo = tuple(functions), list(functions.values())
+    shape = repetitions, len(todo)
+    seconds, calls, place = np.empty(shape), np.ones(shape, int), np.empty(shape, int)
+    counts = np.ones(len(todo), int)
+    random, collecting = np.random.default_rng(seed), gc.isenabled()
+    for function in todo if warm_up else ():
+        function()
+    try:
+        for n in range(repetitions):
+            gc.collect()
+            gc.disable()
+            for position, which in enumerate(random.permutation(len(todo))):
+                counts[which], total = _long_enough(todo[which], counts[which], clock, least)
+                calls[n, which], place[n, which] = counts[which], position
+                seconds[n, which] = total / counts[which]
+                progress(1)
+    finally:
+        if collecting:
+            gc.enable()
+    return Timing(names, seconds, calls, place, chosen, resolutions[chosen])
+
+
+def resolution(clock: Clock, samples: int = 100) -> float:
+    """Typical smallest difference in s between two readings of a clock that are not equal."""
+    steps = np.empty(samples)
+    for n in range(samples):
+        now = before = clock()
+        while now == before:
+            now = clock()
+        steps[n] = now - before
+    return float(np.median(steps))
+
+
+def machine() -> pd.DataFrame:
+    """Return what the times were measured on, as a table of one row."""
+    packages = ("numpy", "numba", "scipy", "scikit-sundae")
+    software = [f"Python {platform.python_version()}", *map(_version, packages)]
+    cell = f"{_processor()}, {os.cpu_count()} processors, {platform.system()}"
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    return pd.DataFrame(
+        [[cell, ", ".join(software), load]], columns=["machine", "software", "load"]
+    )
+
+
+def _long_enough(
+    function: Callable[[], object], count: int, clock: Clock, least: float
+) -> tuple[int, float]:
+    """Call a function `count` times, or twice as often until it takes long enough."""
+    while True:
+        begin = clock()
+        for _ in range(count):
+            function()
+        total = clock() - begin
+        if total >= least:
+            return count, total
+        count *= 2
+
+
+def _quartiles(values: np.ndarray) -> tuple[float, float, float]:
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
+    return low, middle, high
+
+
+def _version(package: str) -> str:
+    try:
+        return f"{package} {metadata.version(package)}"
+    except metadata.PackageNotFoundError:
+        return f"{package} missing"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(": ")[2] for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()
