@@ -182,3 +182,13 @@ def test_fractions_are_taken_as_they_are():
     tableau = Tableau("midpoint", [[0, 0], [Fraction(1, 2), 0]], [0, 1])
     assert list(tableau.c) == [0, sympy.Rational(1, 2)]
     assert isinstance(tableau.A[1, 0], sympy.Rational)
+
+
+@pytest.mark.parametrize(
+    ("tableau", "of_sums", "one_by_one"),
+    [(tableaux.EULER, 1, 1), (RK4_GILL, 4, 9), (RK5, 6, 17), (DP5, 6, 20), (DP4, 7, 26)],
+)
+def test_exponentials_of_a_step(tableau, of_sums, one_by_one):
+    """Counted in the formulas: one for each stage but the first, and one for the step."""
+    assert tableau.exponentials() == of_sums
+    assert tableau.exponentials(product=True) == one_by_one

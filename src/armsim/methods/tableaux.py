@@ -145,6 +145,19 @@ class Tableau:
 
         return fixed_step_solver(self, step_size, form, shift)
 
+    def exponentials(self, product: bool = False) -> int:
+        """Count the exponentials of one component in a step of the exponential form.
+
+        Parameters
+        ----------
+        product : bool
+            Whether the exponentials of single stages are multiplied, as the paper prints them,
+            instead of taking one of their sum.
+        """
+        rows = [*(self.A[i] for i in self.evaluated_stages), self.b]
+        counts = [sum(a != 0 for a in row) for row in rows]
+        return sum(counts) if product else sum(count > 0 for count in counts)
+
     def floats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,): the one place that rounds."""
         A, b, c = (np.array(part.tolist(), dtype=float) for part in (self.A, self.b, self.c))
