@@ -11,9 +11,9 @@ BUILT := _build/.built
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
 STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
-# What a notebook can read. Expected results (data/expected) only judge, they do not enter.
-INPUTS := $(shell find src data/axes data/measurements data/paper \( -name __pycache__ -o -name '.*' \) \
-            -prune -o -type f -print 2>/dev/null)
+# What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
+INPUTS := $(shell find src data/axes data/measurements data/paper \( -name __pycache__ -o -name '.*' \
+            -o -name claims.toml \) -prune -o -type f -print 2>/dev/null)
 PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
          _config.yml _toc.yml
 
@@ -61,7 +61,7 @@ book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m armsim.report.notebooks $< $(@D)
 
 VERDICTS := book/results/verdicts.md
-$(VERDICTS): $(RESULTS) data/paper/claims.toml
+$(VERDICTS): $(RESULTS) data/paper/claims.toml $(if $(STALE),forget)
 	@$(BIN)/python -m armsim.report.claims $(@D)
 
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.

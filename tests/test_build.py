@@ -10,11 +10,12 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCES = """
     environment.txt pyproject.toml _config.yml _toc.yml index.md book/page.md book/_static/a.css
-    src/armsim/code.py data/paper/table.toml data/expected/20_two.json
+    src/armsim/code.py data/paper/table.toml data/paper/claims.toml data/expected/20_two.json
     notebooks/10_one.ipynb notebooks/20_two.ipynb
 """
 PYTHON = """#!/bin/sh
 [ "$2" = pip ] && exit
+[ "$2" = armsim.report.claims ] && echo verdicts >> log && touch "$3/verdicts.md" && exit
 echo "$3" >> log
 grep -q fail "$3" && exit 1
 mkdir -p "$4" && cp "$3" "$4"
@@ -66,7 +67,7 @@ class Tree:
         (self.root / name).touch()
 
 
-ALL = ["html", "notebooks/10_one.ipynb", "notebooks/20_two.ipynb"]
+ALL = ["html", "notebooks/10_one.ipynb", "notebooks/20_two.ipynb", "verdicts"]
 
 
 @pytest.fixture
@@ -84,10 +85,12 @@ def test_nothing_changed_does_nothing(tree):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("notebooks/20_two.ipynb", ["html", "notebooks/20_two.ipynb"]),
+        ("notebooks/20_two.ipynb", ["html", "notebooks/20_two.ipynb", "verdicts"]),
         ("src/armsim/code.py", ALL),
         ("data/paper/table.toml", ALL),
+        ("data/paper/claims.toml", ["html", "verdicts"]),
         ("data/measurements/new.csv", ALL),
+        ("data/axes/new.toml", ALL),
         ("data/expected/20_two.json", []),
         ("src/armsim/__pycache__/code.pyc", []),
         ("book/page.md", ["html"]),
@@ -110,7 +113,7 @@ def test_failing_notebook_stops_the_build(tree):
     assert tree.make_now("book") == ["notebooks/10_one.ipynb"]
     assert tree.last.returncode != 0
     tree.write("notebooks/10_one.ipynb", "well")
-    assert tree.make_now("book") == ALL[:2]
+    assert tree.make_now("book") == ["html", "notebooks/10_one.ipynb", "verdicts"]
 
 
 def test_results_of_a_removed_notebook_go(tree):
@@ -118,8 +121,9 @@ def test_results_of_a_removed_notebook_go(tree):
     tree.write("book/results/20_two-figure.svg")
     tree.make("book")
     (tree.root / "notebooks/20_two.ipynb").unlink()
-    assert tree.make_now("book") == ["html"]
-    assert [path.name for path in (tree.root / "book/results").iterdir()] == ["10_one.ipynb"]
+    assert tree.make_now("book") == ["html", "verdicts"]
+    left = {path.name for path in (tree.root / "book/results").iterdir()}
+    assert left == {"10_one.ipynb", "verdicts.md"}
     assert tree.make("book") == []
 
 
