@@ -84,7 +84,12 @@ def study(
     done: dict[int, list[Any]] = {}
     with tqdm(total=len(todo), file=sys.stderr, disable=not progress) as bar:
         if executor is not None:
-            _collect(executor, run, parts, done, bar)
+            futures: dict[Future, int] = {}
+            try:
+                _collect(executor, run, parts, done, bar, futures)
+            finally:
+                for future in futures:
+                    future.cancel()
         else:
             _in_processes(run, parts, done, bar)
     return [result for first in parts for result in done[first]]
@@ -103,9 +108,10 @@ def _in_processes(
         # Fresh processes: to fork one that has threads can leave a lock closed for ever.
         workers = min(_processors(), len(missing))
         context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, context, signal.signal, (signal.SIGINT, signal.SIG_DFL))
+        pool = ProcessPoolExecutor(workers, context, _end_on_ctrl_c)
         try:
-            _collect(pool, run, missing, done, bar)
+            # Its futures end with its processes; one cancelled before would upset the pool.
+            _collect(pool, run, missing, done, bar, {})
         except BrokenProcessPool as error:
             restarts += 1
             if restarts > MAX_RESTARTS:
@@ -129,17 +135,24 @@ def _collect(
     parts: dict[int, list[Any]],
     done: dict[int, list[Any]],
     bar: tqdm,
+    futures: dict[Future, int],
 ) -> None:
-    futures: dict[Future, int] = {}
+    # New processes inherit the mask: Ctrl-C is not to meet them before they are ready for it.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         for first, part in parts.items():
             futures[executor.submit(_run_part, run, first, part)] = first
-        for future in as_completed(futures):
-            done[futures[future]] = future.result()
-            bar.update(len(parts[futures[future]]))
     finally:
-        for future in futures:
-            future.cancel()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    for future in as_completed(futures):
+        done[futures[future]] = future.result()
+        bar.update(len(parts[futures[future]]))
+
+
+def _end_on_ctrl_c() -> None:
+    """Let a process end without a word."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _run_part(run: Callable[[Any], Any], first: int, part: Sequence[Any]) -> list[Any]:
