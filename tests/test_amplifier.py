@@ -54,6 +54,29 @@ def test_the_spectrum_is_the_sine_transform_of_the_response():
     assert found == pytest.approx(raman_spectrum(5e12) / raman_spectrum(13.2e12), rel=1e-8)
 
 
+def test_every_digit_of_the_modes_of_silica():
+    """Hollenbeck and Cantrell, table 1, by columns, written down independently of the package."""
+    position = [56.25, 100, 231.25, 362.5, 463, 497, 611.5, 691.67, 793.67, 835.5, 930, 1080, 1215]
+    strength = [1, 11.4, 36.67, 67.67, 74, 4.5, 6.8, 4.6, 4.2, 4.5, 2.7, 3.1, 3]
+    gauss = [52.1, 110.42, 175, 162.5, 135.33, 24.5, 41.5, 155, 59.5, 64.3, 150, 91, 160]
+    lorentz = [
+        17.37,
+        38.81,
+        58.33,
+        54.17,
+        45.11,
+        8.17,
+        13.83,
+        51.67,
+        19.83,
+        21.43,
+        50,
+        30.33,
+        53.33,
+    ]
+    assert _MODES.T.tolist() == [position, strength, gauss, lorentz]
+
+
 def test_gain_and_loss_are_those_of_a_standard_fibre():
     loss = dict(zip(1e9 * c / AMPLIFIER.frequency, AMPLIFIER.loss, strict=True))
     near_1550 = min(loss, key=lambda wavelength: abs(wavelength - 1550))

@@ -94,7 +94,11 @@ class AxisParameters:
             value = getattr(self, item.name)
             if item.name == "K_1" and value is None:
                 value = _gain_for_set_velocity(self)
-            object.__setattr__(self, item.name, _checked(item.name, value, item.metadata["zero"]))
+            object.__setattr__(
+                self,
+                item.name,
+                checked_number(item.name, value, above=0.0, zero=item.metadata["zero"]),
+            )
 
     @classmethod
     def paper_x_axis(cls, *, fit: str = "ndp", **changes: float) -> Self:
@@ -164,16 +168,36 @@ def _gain_for_set_velocity(p: AxisParameters) -> float:
     return (preamplifier_output + p.K_2 * p.K_t * motor_velocity) / _SET_VELOCITY
 
 
-def _checked(name: str, value: object, zero: bool) -> float:
+def checked_number(
+    name: str, value: object, *, above: float = -math.inf, zero: bool = False
+) -> float:
+    """Return a value as float if it is a finite real number.
+
+    Parameters
+    ----------
+    name : str
+        What the value is, for the message.
+    value : object
+        The value; a bool and a string are no numbers.
+    above : float
+        0.0 if it has to be positive.
+    zero : bool
+        Whether zero is allowed as well.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the value is not as above; the message says what is allowed.
+    """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
     try:
         number = float(value)
     except OverflowError:  # a huge integer
         number = math.inf
-    if not math.isfinite(number) or number < 0 or (number == 0 and not zero):
-        allowed = "not negative" if zero else "positive"
-        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and {allowed}")
+    if not math.isfinite(number) or number < above or (number == above and not zero):
+        allowed = "" if above == -math.inf else " and not negative" if zero else " and positive"
+        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite{allowed}")
     return number
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from armsim.arm import switching
 from armsim.arm.dynamics import Constants, Region, auxiliary_variables, constants, region, rhs
-from armsim.arm.parameters import AxisParameters
+from armsim.arm.parameters import AxisParameters, checked_number
 from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
 from armsim.methods.piecewise_affine import Event, ExactSolution, Record, require_finished
 from armsim.methods.runge_kutta import Form, IntegrationError, integrate
@@ -395,7 +395,7 @@ def _checked(
     t_end: float,
     y0: Sequence[float] | np.ndarray | None,
 ) -> tuple[_Inputs, float, np.ndarray]:
-    t_end = _checked_number("t_end", t_end)
+    t_end = checked_number("t_end", t_end)
     if t_end <= 0:
         raise ValueError(f"t_end = {t_end} is not allowed; it must be positive")
     inputs = _checked_inputs(set_velocity, control, t_end)
@@ -423,7 +423,7 @@ def _checked_inputs(
 
 def _checked_schedule(set_velocity: SetVelocity) -> Schedule:
     if isinstance(set_velocity, (float, Real, str)):  # a union would be made at every call
-        return ((0.0, _checked_number("set_velocity", set_velocity)),)
+        return ((0.0, checked_number("set_velocity", set_velocity)),)
     schedule: list[tuple[float, float]] = []
     for n, entry in enumerate(set_velocity):
         try:
@@ -432,22 +432,14 @@ def _checked_schedule(set_velocity: SetVelocity) -> Schedule:
             raise ValueError(
                 f"set_velocity[{n}] = {entry!r}: a pair (time, volts) is needed"
             ) from error
-        time = _checked_number(f"set_velocity[{n}] time", time)
+        time = checked_number(f"set_velocity[{n}] time", time)
         if time < 0 or (schedule and time <= schedule[-1][0]):
             raise ValueError(
                 f"set_velocity[{n}] time = {time}: times must not be negative and must rise"
             )
-        schedule.append((time, _checked_number(f"set_velocity[{n}] volts", volts)))
+        schedule.append((time, checked_number(f"set_velocity[{n}] volts", volts)))
     if not schedule:
         raise ValueError("set_velocity is empty; at least one (time, volts) is needed")
     if schedule[0][0] > 0:
         schedule.insert(0, (0.0, 0.0))
     return tuple(schedule)
-
-
-def _checked_number(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
-    if not math.isfinite(value):
-        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite")
-    return float(value)

@@ -11,12 +11,13 @@ resolution of the encoder and the shape of the move are our choice.
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from numbers import Real
 from typing import NamedTuple, Self
 
 import numpy as np
 from numba import njit
 from scipy.interpolate import CubicHermiteSpline
+
+from armsim.arm.parameters import checked_number
 
 _compiled = njit(error_model="numpy", nogil=True)
 
@@ -52,7 +53,7 @@ class Track:
     period: float = 0.08
 
     def __post_init__(self) -> None:
-        _require("period", self.period, above=0.0)
+        checked_number("period", self.period, above=0.0)
         for name in ("position", "speed"):
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         if not 2 <= len(self.position) == len(self.speed):
@@ -84,10 +85,10 @@ class Track:
         period : float
             s, between two track data.
         """
-        _require("distance", distance)
-        _require("velocity", velocity, above=0.0)
-        _require("acceleration", acceleration, above=0.0)
-        _require("period", period, above=0.0)
+        checked_number("distance", distance)
+        checked_number("velocity", velocity, above=0.0)
+        checked_number("acceleration", acceleration, above=0.0)
+        checked_number("period", period, above=0.0)
         length = abs(distance)
         top = min(velocity, math.sqrt(acceleration * length))
         rise = top / acceleration
@@ -175,7 +176,7 @@ class SlaveControl:
             value = getattr(self, item.name)
             if item.type is int and (isinstance(value, bool) or not isinstance(value, int)):
                 raise TypeError(f"{item.name} = {value!r} is not allowed; it must be an integer")
-            _require(item.name, value, above=0.0, zero=item.name not in _POSITIVE)
+            checked_number(item.name, value, above=0.0, zero=item.name not in _POSITIVE)
 
     @property
     def law(self) -> "Law":
@@ -244,11 +245,3 @@ def put_out(n, angle, r_g, track, law, memory, volts):
     if n + law.delay < volts.size:
         volts[n + law.delay] = min(max(output, -law.limit), law.limit)
     return volts[n]
-
-
-def _require(name: str, value: object, above: float = -math.inf, zero: bool = False) -> None:
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
-    if not math.isfinite(value) or value < above or (value == above and not zero):
-        allowed = "" if above == -math.inf else " and not negative" if zero else " and positive"
-        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite{allowed}")
