@@ -12,7 +12,7 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
 STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
 # What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
-INPUTS := $(shell find src data/axes data/measurements data/paper \( -name __pycache__ -o -name '.*' \
+INPUTS := $(shell find src data/axes data/measurements data/paper data/sensitivity \( -name __pycache__ -o -name '.*' \
             -o -name claims.toml \) -prune -o -type f -print 2>/dev/null)
 PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
          _config.yml _toc.yml
@@ -64,8 +64,13 @@ VERDICTS := book/results/verdicts.md
 $(VERDICTS): $(RESULTS) data/paper/claims.toml $(if $(STALE),forget)
 	@$(BIN)/python -m armsim.report.claims $(@D)
 
+# Drawing of the modules, versions, hashes of the data.
+APPENDIX := book/results/appendix-architecture.svg
+$(APPENDIX): $(RESULTS) $(INPUTS) $(LOCKED) $(if $(STALE),forget)
+	@$(BIN)/python -m armsim.report.appendix $(@D)
+
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.
-$(BUILT): $(PAGES) $(RESULTS) $(VERDICTS) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
+$(BUILT): $(PAGES) $(RESULTS) $(VERDICTS) $(APPENDIX) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
 	@echo 'Building the HTML'
 	@rm -rf $@ _build/html _build/.doctrees
 	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null

@@ -16,6 +16,7 @@ SOURCES = """
 PYTHON = """#!/bin/sh
 [ "$2" = pip ] && exit
 [ "$2" = armsim.report.claims ] && echo verdicts >> log && touch "$3/verdicts.md" && exit
+[ "$2" = armsim.report.appendix ] && touch "$3/appendix-architecture.svg" && exit
 echo "$3" >> log
 grep -q fail "$3" && exit 1
 mkdir -p "$4" && cp "$3" "$4"
@@ -123,7 +124,7 @@ def test_results_of_a_removed_notebook_go(tree):
     (tree.root / "notebooks/20_two.ipynb").unlink()
     assert tree.make_now("book") == ["html", "verdicts"]
     left = {path.name for path in (tree.root / "book/results").iterdir()}
-    assert left == {"10_one.ipynb", "verdicts.md"}
+    assert left == {"10_one.ipynb", "verdicts.md", "appendix-architecture.svg"}
     assert tree.make("book") == []
 
 

@@ -1,6 +1,7 @@
 """The files of the built book: whole, for themselves, and readable to all."""
 
 import re
+from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 RESOURCES = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src"}
@@ -52,6 +53,16 @@ def test_images_are_vectors_and_say_what_they_show(page):
             assert attrs["src"].endswith(".svg"), attrs
             assert len(attrs.get("alt", "")) >= 15, attrs
             assert not re.search(r"\.(svg|png|jpe?g)$|_images/", attrs["alt"]), attrs
+
+
+def test_figures_offer_their_data(page, path, site):
+    offered = {Path(unquote(attrs["href"])).stem for tag, attrs in page.article
+               if tag == "a" and attrs["href"].endswith(".csv")}  # fmt: skip
+    results = site.parents[1] / "book" / "results"
+    for tag, attrs in page.article:
+        key = Path(attrs.get("src", "")).stem
+        if tag == "img" and path.parent.name != "results" and (results / f"{key}.csv").exists():
+            assert key in offered
 
 
 def test_caption_is_one_paragraph(page):

@@ -494,8 +494,8 @@ class Check:
     """What the residuals of one signal say about the model."""
 
     signal: str
-    chi_squared: float  #: a sample: 1 if the model and the noise are right
-    autocorrelation: float  #: from one sample to the next: 0 if the model is right
+    chi_squared: float  #: of one sample, 1 if the model and the noise are right
+    autocorrelation: float  #: from one sample to the next, 0 if the model is right
     surprise: float  #: the larger of both deviations, in standard deviations
 
     @property

@@ -35,7 +35,7 @@ class Trajectory:
     """A simulated motion. Calling it gives the state at a time (7,), or at n times (7, n)."""
 
     parameters: AxisParameters
-    schedule: Schedule  #: set velocity: volts from each time on
+    schedule: Schedule  #: set velocity in V from each time in s on
     solution: "ExactSolution | Steps"
     control: SlaveControl | None = None  #: what put the set velocity out, if anything did
 

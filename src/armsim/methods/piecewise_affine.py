@@ -239,7 +239,7 @@ class Event(NamedTuple):
     time: float
     before: Any  #: mode
     after: Any  #: mode
-    causes: tuple[tuple[Any, int], ...]  #: guards that left, with the side: -1 below, +1 above
+    causes: tuple[tuple[Any, int], ...]  #: guards that left, with the side, -1 below, +1 above
 
 
 def _itself(value: Any) -> Any:
@@ -252,7 +252,7 @@ class ExactSolution:
 
     record: Record
     end: float
-    states: Callable[[Record, np.ndarray], np.ndarray]  #: from a record and times (k,): (n, k)
+    states: Callable[[Record, np.ndarray], np.ndarray]  #: makes (n, k) of a record and times (k,)
     mode_name: Callable[[int], Any] = _itself
     guard_name: Callable[[int], Any] = _itself
     inputs: Sequence[tuple[float, Any]] = ()  #: from each time on

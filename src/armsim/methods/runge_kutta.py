@@ -100,7 +100,7 @@ def integrate(
         The shift s of the exponential form; 0 if left out. ``y + s`` has to stay positive.
     rtol, atol : float
         Tolerances of the error control: a step is accepted when the root mean square over the
-        components of error / (atol + rtol |y|) is at most 1. `atol` may be an (m,) array.
+        components of ``error / (atol + rtol |y|)`` is at most 1. `atol` may be an (m,) array.
 
     Returns
     -------

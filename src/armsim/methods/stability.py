@@ -50,7 +50,7 @@ def _dot(left: Iterable[sympy.Expr], right: Iterable[sympy.Expr]) -> sympy.Expr:
 
 
 def real_limit(tableau: Tableau) -> float:
-    """Largest x such that |R| ≤ 1 on the interval [-x, 0] of the real axis.
+    """Largest x such that ``|R| ≤ 1`` on the interval [-x, 0] of the real axis.
 
     Examples
     --------
@@ -62,12 +62,12 @@ def real_limit(tableau: Tableau) -> float:
 
 
 def imaginary_limit(tableau: Tableau) -> float:
-    """Largest y such that |R| ≤ 1 on the interval [-iy, iy] of the imaginary axis."""
+    """Largest y such that ``|R| ≤ 1`` on the interval [-iy, iy] of the imaginary axis."""
     return largest_step(tableau, [1j])
 
 
 def largest_step(tableau: Tableau, eigenvalues: ArrayLike, zero: float = 0.0) -> float:
-    """Largest h such that every shorter step, and h itself, has |R(hλ)| ≤ 1 for all eigenvalues.
+    """Largest h such that ``|R(hλ)| ≤ 1`` up to it for every eigenvalue.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def _squared(coefficients: list[Fraction], direction: complex) -> list[Fraction]
 
 
 def region(tableau: Tableau, re: ArrayLike, im: ArrayLike) -> np.ndarray:
-    """|R(z)| on a grid of the complex plane; the stability region is where it is at most 1.
+    """Size ``|R(z)|`` on a grid of the complex plane; in the stability region it is at most 1.
 
     Parameters
     ----------

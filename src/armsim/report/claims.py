@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
@@ -255,6 +256,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         claims, records = load(), load_all(results)
         replace_text(results / "verdicts-summary.md", summary(claims, records))
         figures.save(figure(claims, records), results / "verdicts.svg")
+        rows = [(claim.name, claim.where, claim.verdict(records)) for claim in claims]
+        data = pd.DataFrame(rows, columns=["claim", "where", "verdict"])
+        replace_text(results / "verdicts.csv", data.to_csv(index=False, lineterminator="\n"))
         replace_text(results / "verdicts.md", table(claims, records))
     except ClaimError as error:
         print(f"claims.toml: {error}", file=sys.stderr)

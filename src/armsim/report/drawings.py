@@ -39,7 +39,7 @@ def _hop(x: float, y: float) -> list[Point]:
     return [(x - 4.5 * np.cos(a), y - 4.5 * np.sin(a)) for a in np.linspace(0, np.pi, 14)]
 
 
-class _Sheet:
+class Sheet:
     """A blank figure measured in points of print from its upper left corner."""
 
     def __init__(self, width: float, height: float) -> None:
@@ -50,9 +50,11 @@ class _Sheet:
         self.add = self.ax.add_patch
 
     def text(self, x: float, y: float, text: str, **style: Any) -> None:
+        """Write a text around a point."""
         self.ax.text(x, y, text, **({"ha": "center", "va": "center_baseline"} | style))
 
     def line(self, points: Sequence[Point], **style: Any) -> None:
+        """Draw a path through the points."""
         pen: dict[str, Any] = {"color": INK, "lw": 1.1, "ls": "-", "solid_joinstyle": "round"}
         self.ax.plot(*zip(*points, strict=True), **(pen | style))
 
@@ -112,7 +114,7 @@ class _Sheet:
 @mpl.rc_context(STYLE)
 def block_diagram() -> Figure:
     """Draw figure 2, the system block diagram for one axis of the robot arm."""
-    s = _Sheet(510, 624)
+    s = Sheet(510, 624)
     row_a, row_b, row_c, lane, row_d = 60, 226, 338, 482, 558
     s.panel(28, 6, 309, 160, "servo controller: preamplifier", COLOUR["arm"])
     s.panel(315, 6, 486, 160, "power stage", COLOUR["arm"])
@@ -208,7 +210,7 @@ def block_diagram() -> Figure:
 RIGHT, FRONT, UP = np.array([[0.98, 0.1], [0.52, 0.42], [0.0, -1.0]])  # oblique axes, y downwards
 
 
-class _Scene(_Sheet):
+class _Scene(Sheet):
     """A sheet on which points are given in space, x to the right, y to the front, z up."""
 
     origin, unit = np.array([24.0, 276.0]), 32.0

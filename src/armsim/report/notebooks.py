@@ -229,7 +229,9 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     for complaint in complaints:
         print(f"{source} warned: {complaint}", file=sys.stderr)
-    print(f"{source}: done in {time.perf_counter() - start:.1f} s", flush=True)
+    seconds = f"{time.perf_counter() - start:.1f}"
+    Path(results_dir, f"{Path(source).stem}-seconds.txt").write_text(f"{seconds}\n")
+    print(f"{source}: done in {seconds} s", flush=True)
     return 0
 
 

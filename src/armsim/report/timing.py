@@ -150,7 +150,7 @@ def machine() -> pd.DataFrame:
     """Return what the times were measured on, as a table of one row."""
     packages = ("numpy", "numba", "scipy", "scikit-sundae")
     software = [f"Python {platform.python_version()}", *map(_version, packages)]
-    cell = f"{_processor()}, {os.cpu_count()} processors, {platform.system()}"
+    cell = f"{processor()}, {os.cpu_count()} processors, {platform.system()}"
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
     return pd.DataFrame(
         [[cell, ", ".join(software), load]], columns=["machine", "software", "load"]
@@ -183,7 +183,8 @@ def _version(package: str) -> str:
         return f"{package} missing"
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Name of the processor, as far as the system tells it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,0 +1,122 @@
+"""Halve and double each of our own choices, and note what becomes of every recorded value.
+
+Run it as ``.venv/bin/python data/sensitivity/make_sensitivity.py``; it takes about half an hour. In
+a copy of the repository one choice is changed where it is written, the notebooks that use it are
+executed, and what they record is written to ``choices.csv``, with the verdicts that follow. A
+notebook that fails leaves its message.
+"""
+
+import csv
+import json
+import multiprocessing
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Those that run the arm and measure no times; 60 and 62 compare methods, 12 and 64 have no arm.
+ARM = """10_model 14_exponential_form 20_linear_step_response 30_nonlinear_step_response
+40_exact_solution 50_programmed_move 52_parameter_fit 54_parameter_study""".split()
+CHOICES = {key: ARM for key in ("K_e", "F_0", "v_s")} | {
+    key: ["50_programmed_move"] for key in ("K_p", "K_I", "K_v")
+}
+FACTORS = (0.5, 2.0)
+#: Where a choice is written: the file, and what stands before its value.
+PLACES = {
+    "src/armsim/arm/parameters.py": r'"{}": ',
+    "data/axes/x.toml": r"^{} = ",
+    "data/axes/y.toml": r"^{} = ",
+    "data/axes/z.toml": r"^{} = ",
+    "src/armsim/arm/slave_control.py": r"^    {}: float = ",
+    "notebooks/50_programmed_move.ipynb": r'^    "{} = ',
+}
+
+
+def change(copy: Path, choice: str, factor: float) -> int:
+    """Multiply a choice wherever it is written; tell in how many files."""
+    found = 0
+    for place, before in PLACES.items():
+        path = copy / place
+        pattern = re.compile(f"({before.format(choice)})([0-9.e-]+)", re.MULTILINE)
+        text, n = pattern.subn(lambda m: f"{m[1]}{factor * float(m[2])!r}", path.read_text("utf-8"))
+        if n:
+            path.write_text(text, encoding="utf-8")
+            found += 1
+    return found
+
+
+def outcomes(copy: Path, choice: str, factor: float) -> list[list[object]]:
+    """Rows of the file for one change."""
+    for place in PLACES:
+        shutil.copy(ROOT / place, copy / place)
+    assert change(copy, choice, factor) >= 2, choice
+    results = copy / "book" / "results"
+    shutil.rmtree(results, ignore_errors=True)
+    shutil.copytree(ROOT / "data" / "expected", results)
+    environment = os.environ | {"PYTHONPATH": str(copy / "src")}
+    rows: list[list[object]] = []
+    for notebook in CHOICES[choice]:
+        command = [sys.executable, "-m", "armsim.report.notebooks", f"notebooks/{notebook}.ipynb"]
+        done = subprocess.run(
+            [*command, str(results)], cwd=copy, env=environment, capture_output=True, text=True
+        )
+        if done.returncode:
+            rows.append([choice, factor, notebook, "fails", done.stderr.strip().split("\n")[-1]])
+            continue
+        records = json.loads((results / f"{notebook}.json").read_text(encoding="utf-8"))
+        for name, record in records.items():
+            if record.get("compared", True):
+                rows.append([choice, factor, notebook, name, record["value"]])
+    told = subprocess.run(
+        [sys.executable, "-c", VERDICTS], cwd=copy, env=environment, capture_output=True, text=True
+    )
+    told.check_returncode()
+    return rows + [[choice, factor, "verdicts", *pair] for pair in json.loads(told.stdout)]
+
+
+VERDICTS = """
+import json
+from pathlib import Path
+from armsim.report import claims
+from armsim.report.expected import load_all
+records = load_all(Path("book/results"))
+print(json.dumps([(claim.name, claim.verdict(records)) for claim in claims.load()]))
+"""
+
+
+def copy_to(folder: Path) -> Path:
+    """Copy what the notebooks need."""
+    for part in ("src", "data", "notebooks", "tests/reference"):
+        shutil.copytree(ROOT / part, folder / part)
+    return folder
+
+
+def work(copy: str, tasks: list[tuple[str, float]]) -> list[list[object]]:
+    """Make the changes of one worker in its own copy."""
+    folder, rows = copy_to(Path(copy)), []
+    for task in tasks:
+        rows += outcomes(folder, *task)
+        print(*task, flush=True)
+    return rows
+
+
+def main() -> None:
+    """Make ``choices.csv``."""
+    tasks = [(choice, factor) for choice in CHOICES for factor in FACTORS]
+    workers = os.cpu_count() or 1
+    with tempfile.TemporaryDirectory() as scratch, multiprocessing.Pool(workers) as pool:
+        shares = [(f"{scratch}/{n}", tasks[n::workers]) for n in range(workers)]
+        rows = [row for part in pool.starmap(work, shares) for row in part]
+    rows.sort(key=lambda row: tasks.index((row[0], row[1])))
+    with (ROOT / "data" / "sensitivity" / "choices.csv").open("w", newline="\n") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["choice", "factor", "study", "name", "value"])
+        writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()
