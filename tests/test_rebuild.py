@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -48,3 +49,9 @@ def test_second_build_gives_the_same_bytes(study, again):
     assert f"{study}.ipynb" in files
     for name in files:
         assert (again / name).read_bytes() == (RESULTS / name).read_bytes(), name
+
+
+def test_makefile_lets_what_measures_time_run_alone():
+    rule = re.search(r"^TIMED := .*addsuffix %,([\d ]+)\)", (ROOT / "Makefile").read_text(), re.M)
+    timed = [p.stem[:2] for p in sorted(RESULTS.glob("[0-9][0-9]_*.json")) if measures_time(p)]
+    assert rule and rule[1].split() == timed

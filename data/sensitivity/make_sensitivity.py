@@ -17,6 +17,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+from armsim.report import claims
+from armsim.report.expected import load_all
+from armsim.report.sensitivity import BASE, FAILS, VERDICTS
+
 ROOT = Path(__file__).resolve().parents[2]
 #: Those that run the arm and measure no times; 60 and 62 compare methods, 12 and 64 have no arm.
 ARM = """10_model 14_exponential_form 20_linear_step_response 30_nonlinear_step_response
@@ -65,27 +69,33 @@ def outcomes(copy: Path, choice: str, factor: float) -> list[list[object]]:
             [*command, str(results)], cwd=copy, env=environment, capture_output=True, text=True
         )
         if done.returncode:
-            rows.append([choice, factor, notebook, "fails", done.stderr.strip().split("\n")[-1]])
+            rows.append([choice, factor, notebook, FAILS, done.stderr.strip().split("\n")[-1]])
             continue
         records = json.loads((results / f"{notebook}.json").read_text(encoding="utf-8"))
-        for name, record in records.items():
-            if record.get("compared", True):
-                rows.append([choice, factor, notebook, name, record["value"]])
-    told = subprocess.run(
-        [sys.executable, "-c", VERDICTS], cwd=copy, env=environment, capture_output=True, text=True
-    )
-    told.check_returncode()
-    return rows + [[choice, factor, "verdicts", *pair] for pair in json.loads(told.stdout)]
+        rows += recorded(choice, factor, notebook, records)
+    return rows + verdicts(choice, factor, results)
 
 
-VERDICTS = """
-import json
-from pathlib import Path
-from armsim.report import claims
-from armsim.report.expected import load_all
-records = load_all(Path("book/results"))
-print(json.dumps([(claim.name, claim.verdict(records)) for claim in claims.load()]))
-"""
+def recorded(choice: str, factor: float, study: str, records: dict) -> list[list[object]]:
+    """Rows of one study's values, without those that measure time."""
+    return [
+        [choice, factor, study, name, record["value"]]
+        for name, record in records.items()
+        if record.get("compared", True)
+    ]
+
+
+def verdicts(choice: str, factor: float, results: Path) -> list[list[object]]:
+    """Rows of the verdicts that follow."""
+    records = load_all(results)
+    return [[choice, factor, VERDICTS, c.name, c.verdict(records)] for c in claims.load()]
+
+
+def published() -> list[list[object]]:
+    """Rows of the book's own values and verdicts."""
+    expected = ROOT / "data" / "expected"
+    rows = [row for study in ARM for row in recorded(BASE, 1.0, study, load_all(expected)[study])]
+    return rows + verdicts(BASE, 1.0, expected)
 
 
 def copy_to(folder: Path) -> Path:
@@ -115,7 +125,7 @@ def main() -> None:
     with (ROOT / "data" / "sensitivity" / "choices.csv").open("w", newline="\n") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["choice", "factor", "study", "name", "value"])
-        writer.writerows(rows)
+        writer.writerows(published() + rows)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 """Tests of the appendix: the modules' imports, hashes, versions and run times."""
 
 import subprocess
+from dataclasses import fields
 
 import pytest
 
+from armsim.arm import AxisParameters
 from armsim.paths import DATA
 from armsim.report import appendix
 
@@ -67,6 +69,14 @@ def test_table_names_every_module(graph):
     rows = appendix.modules_table(graph).splitlines()[2:]
     assert sorted(row.split("`")[1] for row in rows) == sorted(graph)
     assert all(row.split("|")[2].strip() for row in rows)
+
+
+def test_table_of_symbols_has_every_parameter():
+    rows = [row.split(" | ") for row in appendix.symbols_table().splitlines()[2:]]
+    assert sorted(row[1].strip("`") for row in rows) == sorted(
+        item.name for item in fields(AxisParameters)
+    )
+    assert ["| $K_{g}$", "`K_g`", "N/m", "gear stiffness", "Table 5 |"] in rows
 
 
 def test_sums_are_those_of_the_data(tmp_path):

@@ -1,6 +1,7 @@
 """What the appendix shows of the project itself: its modules, and where the numbers come from."""
 
 import ast
+import dataclasses
 import hashlib
 import os
 import platform
@@ -14,6 +15,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from armsim.arm import AxisParameters
 from armsim.paths import DATA
 from armsim.report import figures
 from armsim.report.drawings import Sheet
@@ -176,6 +178,17 @@ def modules_table(graph: Mapping[str, set[str]], package: Path = PACKAGE) -> str
     return "\n".join(lines) + "\n"
 
 
+def symbols_table() -> str:
+    """Table of the parameters of an axis: symbol, name in the code, unit, meaning, source."""
+    lines = ["| symbol | name | unit | meaning | source |", "| --- | --- | --- | --- | --- |"]
+    for item in sorted(dataclasses.fields(AxisParameters), key=lambda item: item.name.lower()):
+        base, _, index = item.name.partition("_")
+        symbol = f"${base}_{{{index}}}$" if index else f"${base}$"
+        told = [item.metadata[key] for key in ("unit", "description", "source")]
+        lines.append(f"| {symbol} | `{item.name}` | {' | '.join(told)} |")
+    return "\n".join(lines) + "\n"
+
+
 # --- where the numbers come from ----------------------------------------------------------------
 
 
@@ -244,6 +257,7 @@ def main(arguments: list[str] | None = None) -> int:
     graph, data = imports(), sums()
     parts = {
         "modules.md": modules_table(graph),
+        "symbols.md": symbols_table(),
         "software.md": software(),
         "computer.md": computer(),
         "run-times.md": run_times(results),

@@ -1,0 +1,64 @@
+"""How the recorded values change with our own choices, from ``data/sensitivity/choices.csv``."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from armsim.paths import DATA
+
+BASE = "published"  #: in place of a choice: the values of the book
+VERDICTS = "verdicts"  #: in place of a study: the verdict on each claim
+FAILS = "fails"  #: in place of a name: a notebook that could not be executed
+
+
+def load(path: Path = DATA / "sensitivity" / "choices.csv") -> pd.DataFrame:
+    """Read the file and put each value beside the published one.
+
+    Returns
+    -------
+    DataFrame
+        One row for each changed choice and recorded value, with the columns ``choice``,
+        ``factor``, ``study``, ``name``, ``published`` and ``value`` (texts), ``change`` (in per
+        cent of the published value; NaN if one of them is no number, is missing, or if the
+        published one is zero) and ``differs``.
+    """
+    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    key = ["study", "name"]
+    base = rows[rows["choice"] == BASE].set_index(key)["value"].rename("published")
+    table = rows[rows["choice"] != BASE].join(base, on=key)
+    before, after = (pd.to_numeric(table[name], errors="coerce") for name in ("published", "value"))
+    table["change"] = (100 * (after - before) / before.abs()).where(before != 0)
+    table["differs"] = table["value"] != table["published"]
+    table["factor"] = table["factor"].astype(float)
+    columns = ["choice", "factor", "study", "name", "published", "value", "change", "differs"]
+    return table[columns].reset_index(drop=True)
+
+
+def counts(table: pd.DataFrame) -> pd.DataFrame:
+    """Count for each changed choice the values, those that move, and the verdicts that change.
+
+    A text, such as the name of a pair, counts as moved if it is another one.
+    """
+    rows = []
+    for (choice, factor), part in table.groupby(["choice", "factor"], sort=False):
+        values = part[(part["study"] != VERDICTS) & (part["name"] != FAILS)]
+        size = values["change"].abs()
+        other = values["change"].isna() & values["differs"]
+        verdicts = part[(part["study"] == VERDICTS) & part["differs"]]
+        failed = part[part["name"] == FAILS]
+        rows.append(
+            {
+                "choice": choice,
+                "factor": factor,
+                "values": len(values),
+                "0.1 %": int(((size > 0.1) | other).sum()),
+                "1 %": int(((size > 1) | other).sum()),
+                "10 %": int(((size > 10) | other).sum()),
+                "verdicts": "; ".join(
+                    f"{name}: {value}"
+                    for name, value in zip(verdicts["name"], verdicts["value"], strict=True)
+                ),
+                "failed": ", ".join(failed["study"]),
+            }
+        )
+    return pd.DataFrame(rows)
