@@ -179,6 +179,20 @@ class Study:
         self._keys.add(key)
         self._csv(key, frame)
 
+    def page(self, key: str, html: str) -> None:
+        """Save a piece of HTML that a page includes, as ``<results>/<study>-<key>.html``.
+
+        Parameters
+        ----------
+        key : str
+            Named like a record; once per study, figures and tables included.
+        html : str
+            The text.
+        """
+        _check_key(key, self._keys)
+        self._keys.add(key)
+        self._write(f"{self.name}-{key}.html", html)
+
     def _csv(self, key: str, frame: pd.DataFrame) -> None:
         self._write(f"{self.name}-{key}.csv", frame.to_csv(index=False, float_format="%.9g"))
 
