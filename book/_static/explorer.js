@@ -18,7 +18,7 @@
   const curve = (at, k) => {
     const n = place(at) * table.curves.length + k;
     return Array.from({ length: counts[n] }, (_, m) => [
-      (points[starts[n] + m] * table.t_end) / table.steps,
+      points[starts[n] + m] * table.tick,
       points[starts[n] + counts[n] + m] * table.scale[k],
     ]);
   };
