@@ -1,4 +1,7 @@
-"""What the book adds to Sphinx: below each figure of a notebook, a link to the data it shows."""
+"""What the book adds to Sphinx: links from figures to their data, and a list of references.
+
+The list is one that a screen reader can read out.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -6,6 +9,7 @@ from typing import Any
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
 
 
 def link_data(app: Sphinx, doctree: nodes.document) -> None:
@@ -25,7 +29,17 @@ def link_data(app: Sphinx, doctree: nodes.document) -> None:
                 caption += [nodes.Text(" "), link]
 
 
+def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
+    """Begin a reference as an item of a list; the role that docutils gives it is deprecated."""
+    if not isinstance(node.previous_sibling(), nodes.citation):
+        self.body.append('<div role="list" class="citation-list">\n')
+    self.body.append(self.starttag(node, "div", CLASS="citation", role="listitem"))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx, before it collects the images and the files to download."""
+    """Connect to Sphinx; to links before it collects the images and the files to download."""
+    app.add_node(
+        nodes.citation, override=True, html=(visit_citation, HTMLTranslator.depart_citation)
+    )
     app.connect("doctree-read", link_data, priority=100)
     return {"version": "1", "parallel_read_safe": True}
