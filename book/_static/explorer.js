@@ -23,7 +23,7 @@
     ]);
   };
 
-  const W = 620, H = 190, LEFT = 52, TOP = 26, BOTTOM = 22;
+  const W = 620, H = 190, LEFT = 52, TOP = 26, BOTTOM = 22, LAST = 20;
   const TITLES = ["velocity / (m/s)", "motor current / A", "gear force / N"];
   const made = (name, attributes, parent, text = "") => {
     const node = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -31,9 +31,9 @@
     node.textContent = text;
     return parent.appendChild(node);
   };
-  // Round numbers that span an interval in about four steps.
-  const ticks = (low, high) => {
-    const rough = (high - low) / 4;
+  // Round numbers that span an interval in so many steps or somewhat fewer.
+  const ticks = (low, high, wanted = 4) => {
+    const rough = (high - low) / wanted;
     const power = 10 ** Math.floor(Math.log10(rough));
     const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough);
     const first = Math.ceil(low / step - 1e-9);
@@ -44,11 +44,12 @@
     (Math.abs(value) < 1e-12 ? 0 : Number(value.toPrecision(digits))).toString().replace("-", "−");
 
   const plots = TITLES.map((title, k) => {
-    const svg = made("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": `${title} against time; the numbers stand in the table below` }, root.querySelector(".plots"));
+    const svg = made("svg", { viewBox: `0 0 ${W} ${H + (k === 2 ? LAST : 0)}`, role: "img", "aria-label": `${title} against time; the numbers stand in the table below` }, root.querySelector(".plots"));
     const axes = made("g", {}, svg);
     const old = made("path", { class: "curve published" }, svg);
     const now = made("path", { class: "curve chosen", "data-curve": table.curves[k] }, svg);
     made("text", { x: 0, y: 14 }, svg, title);
+    if (k === 2) made("text", { x: (LEFT + W) / 2, y: H + LAST - 6, "text-anchor": "middle" }, svg, "time / s");
     return (at) => {
       const both = [curve(table.published, k), curve(at, k)];
       const values = both.flat().map((point) => point[1]);
@@ -61,8 +62,8 @@
         made("line", { class: "grid", x1: LEFT, x2: W - 8, y1: y(v), y2: y(v) }, axes);
         made("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, axes, told(v));
       }
-      for (const t of ticks(0, table.t_end)) {
-        made("text", { x: x(t), y: H - 4, "text-anchor": "middle" }, axes, told(t) + (k === 2 && t === 0 ? " s" : ""));
+      for (const t of ticks(0, table.t_end, 6)) {
+        made("text", { x: x(t), y: H - 4, "text-anchor": "middle" }, axes, told(t));
       }
       old.setAttribute("d", path(both[0]));
       now.setAttribute("d", path(both[1]));

@@ -127,6 +127,19 @@ def test_table_escapes_bars_and_sets_numbers_right(study, shown):
     assert shown[0].data == text
 
 
+def test_table_needs_headings(study):
+    with pytest.raises(ValueError, match=r"table t: a heading is missing in \['', 'value'\]"):
+        study.table("t", pd.DataFrame({"": ["x"], "value": ["1"]}))
+    assert not list(study.results.iterdir())
+
+
+def test_page_is_kept_as_it_is(study):
+    study.page("p", "<p>α &lt; β</p>\n")
+    assert (study.results / "20_topic-p.html").read_text(encoding="utf-8") == "<p>α &lt; β</p>\n"
+    with pytest.raises(ValueError, match="already recorded"):
+        study.page("p", "")
+
+
 def test_run_by_hand_keeps_to_its_own_folder(tmp_path, monkeypatch, glued):
     monkeypatch.delenv("ARMSIM_RESULTS", raising=False)
     monkeypatch.chdir(tmp_path)

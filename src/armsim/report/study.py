@@ -152,8 +152,15 @@ class Study:
         frame : pandas.DataFrame
             Cells are texts as they shall appear, mathematics included. The index is left out.
             A column of numbers is set flush right.
+
+        Raises
+        ------
+        ValueError
+            If the key is malformed or taken, or a column has no heading.
         """
         _check_key(key, self._keys)
+        if not all(str(name).strip() for name in frame.columns):
+            raise ValueError(f"table {key}: a heading is missing in {list(frame.columns)}")
         cells = [[_cell(cell) for cell in row] for row in frame.itertuples(index=False)]
         rules = [
             "---:" if cells and all(_NUMBER.match(cell) for cell in column) else "---"
