@@ -21,11 +21,12 @@ SHELL := /bin/bash
 unexport PYTHONPATH PYTHONHOME
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help book check test clean distclean forget
+.PHONY: help book pdf check test clean distclean forget
 .DELETE_ON_ERROR:
 
 help:
 	@echo 'make book       execute the notebooks that need it and build the HTML'
+	@echo 'make pdf        the same, and the book as one PDF, printed by Chromium'
 	@echo 'make test       build everything from clean, then lint, type-check and run every test'
 	@echo 'make check      the same without the clean start'
 	@echo 'make clean      remove what was built'
@@ -88,6 +89,18 @@ $(BUILT): $(PAGES) $(RESULTS) $(VERDICTS) $(APPENDIX) $(LOCKED) $(if $(STALE),fo
 	@rm -rf $@ _build/html _build/.doctrees
 	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null
 	@touch $@
+
+# The book as one page, printed.
+PDF := _build/armsim.pdf
+SINGLE := _build/single
+pdf: $(PDF)
+	@echo 'The PDF: $(abspath $(PDF))'
+
+$(PDF): $(BUILT)
+	@echo 'Building the PDF'
+	@rm -rf $(SINGLE)
+	@$(BIN)/jupyter-book build . --builder singlehtml --path-output $(SINGLE) -W --keep-going -n -q > /dev/null
+	@$(BIN)/python -m armsim.report.pdf $(SINGLE)/_build/singlehtml/index.html $@
 
 # The results of a notebook that is no more must not be published.
 forget:

@@ -1,7 +1,8 @@
-// Draws the case that the sliders choose, from the table that the page carries.
+// The page Explorer: draws the case that the sliders choose, from the table that the page carries.
 "use strict";
 (() => {
   const root = document.querySelector(".explorer");
+  if (!root) return; // every page loads this, the book as one page as well
   const table = JSON.parse(document.getElementById("explorer-data").textContent);
   const names = Object.keys(table.grid);
   const unpack = (text) => {

@@ -1,0 +1,80 @@
+"""The book as one PDF."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from pypdf import PdfReader
+
+from armsim.report import pdf
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def book(site, tmp_path_factory):
+    try:
+        pdf.browser()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    folder = tmp_path_factory.mktemp("pdf")
+    subprocess.run(  # from the pages as they are
+        ["make", "-o", "_build/.built", "pdf", f"PDF={folder}/book.pdf", f"SINGLE={folder}/single"],
+        cwd=ROOT, check=True, capture_output=True,
+        env={name: os.environ[name] for name in os.environ if "MAKE" not in name},
+    )  # fmt: skip
+    return PdfReader(folder / "book.pdf")
+
+
+def entries(outline):
+    for entry in outline:
+        yield from entries(entry) if isinstance(entry, list) else [entry]
+
+
+def elements(node, kind):
+    """Structure elements of a kind below a node of the tags."""
+    found, todo = [], [node]
+    while todo:
+        node = todo.pop()
+        node = node.get_object() if hasattr(node, "get_object") else node
+        if isinstance(node, list):
+            todo += node
+        elif isinstance(node, dict):
+            if node.get("/S") == kind:
+                found.append(node)
+            todo += [node["/K"]] if "/K" in node else []
+    return found
+
+
+def test_every_chapter_is_in_the_outline(book, site, read):
+    headings = re.findall(r"<h1>(.*?)<a", "".join(
+        path.read_text(encoding="utf-8") for path in sorted(site.glob("book/*.html"))
+    ))  # fmt: skip
+    wanted = [" ".join(re.sub(r"<[^>]+>", "", text).split()) for text in headings]
+    assert len(wanted) > 20
+    titles = [entry.title for entry in entries(book.outline)]
+    assert set(wanted) <= set(titles)
+    assert "What “order p” demands" in titles  # a formula among the words
+
+
+def test_it_is_tagged_and_says_what_it_is(book):
+    root = book.trailer["/Root"]
+    assert root["/MarkInfo"]["/Marked"]
+    assert root["/Lang"].startswith("en")
+    assert book.metadata.title == "A robot arm and a novel Dormand–Prince technique"
+    told = [node.get("/Alt", "") for node in elements(root["/StructTreeRoot"], "/Figure")]
+    figures = [alt for alt in told if len(alt) > 30]
+    assert len(figures) >= len(list((ROOT / "book" / "results").glob("[0-9]*.svg")))
+
+
+def test_formulas_are_drawn_and_numbers_are_there(book):
+    """Read up to the notebooks, whose code has formulas as text."""
+    (notebooks,) = [e for e in entries(book.outline) if e.title.startswith("The model: drawings")]
+    pages = book.pages[: book.get_destination_page_number(notebooks)]
+    assert len(pages) > 50
+    text = " ".join("\n".join(page.extract_text() for page in pages).split())
+    assert not re.search(r"\\(dot|frac|begin|tag)\b|\\\(", text)
+    summary = (ROOT / "book" / "results" / "verdicts-summary.md").read_text(encoding="utf-8")
+    assert summary.strip() in text
