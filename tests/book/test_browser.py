@@ -10,10 +10,9 @@ from playwright.sync_api import sync_playwright
 
 from armsim.arm import AxisParameters, simulate
 from armsim.arm.response import settling_time
+from armsim.report import pdf
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ["chromium", "chromium-browser", "google-chrome"])), ""
-)
+CHROMIUM = next(filter(None, map(shutil.which, pdf.BROWSERS)), "")
 FLAGS = [
     "--no-sandbox",
     "--disable-gpu",

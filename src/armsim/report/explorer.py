@@ -22,7 +22,7 @@ GRID: dict[str, tuple[float, ...]] = {
 PUBLISHED = {"T_p": 0.04, "K_2": 870.0, "set_velocity": 10.0}
 T_END = 1.2  # s
 CURVES = ("velocity", "current", "gear_force")
-#: Largest distance of a drawn curve from the solution, as a share of its range.
+#: Largest distance of a drawn curve from the solution at `TIMES`, as a share of its range.
 TOLERANCE = 0.004
 #: Every 50 µs: a dozen times in a period of the fastest ringing, that of current and preamplifier.
 TIMES = np.linspace(0.0, T_END, 24_001)
@@ -78,6 +78,11 @@ def corners(t: np.ndarray, y: np.ndarray, tolerance: float) -> np.ndarray:
 
 def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
     """Compute all cases and pack them for the page.
+
+    Parameters
+    ----------
+    grid : dict, optional
+        Values of the three parameters, the published ones among them; `GRID` if left out.
 
     Returns
     -------
