@@ -115,6 +115,7 @@ def test_search_finds_a_word_from_disk(site, visit):
     page = visit(f"{(site / 'search.html').as_uri()}?q=motor")
     page.wait_for_selector("#search-results li a")
     page.locator("#search-results li a").first.click()
+    page.wait_for_url(lambda url: "search.html" not in url)
     assert "motor" in page.locator("article").inner_text().lower()
 
 
