@@ -6,14 +6,14 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from numbers import Real
 
 import numpy as np
 
 from armsim.arm import switching
-from armsim.arm.dynamics import Constants, Region, auxiliary_variables, constants, region, rhs
+from armsim.arm.dynamics import Region, auxiliary_variables, constants, region, rhs
 from armsim.arm.parameters import AxisParameters, checked_number
 from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
 from armsim.methods.piecewise_affine import Event, ExactSolution, Record, require_finished
@@ -203,18 +203,9 @@ def simulate(
             f"step_size = {step_size!r} and form = {form!r} are for a Runge-Kutta method; "
             "give one as method, or leave them out"
         )
-    numbers = np.array(constants(p))
-    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, (MAX_EVENTS, MAX_PIECES))
-    require_finished(record, switching.region_of, Region._fields.__getitem__)
+    record, states = _exact(p, inputs, t_end, state)
     schedule = inputs.schedule()
-    solution = ExactSolution(
-        record,
-        t_end,
-        partial(_states, numbers),
-        switching.region_of,
-        Region._fields.__getitem__,
-        schedule,
-    )
+    solution = ExactSolution(record, t_end, states, *_TO_NAMES, schedule)
     return Trajectory(p, schedule, solution, control)
 
 
@@ -228,7 +219,7 @@ def simulate_many(
     y0: Sequence[float] | np.ndarray | None = None,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Run many axes exactly, in compiled code and on all processors, as for a fit or a study.
+    """Run many axes exactly, on all processors, as for a fit or a study.
 
     Parameters
     ----------
@@ -260,30 +251,38 @@ def simulate_many(
         raise ValueError(f"times = {times!r}: a row of numbers from 0 to t_end = {t_end} is needed")
     if threads is not None and (isinstance(threads, bool) or threads < 1):
         raise ValueError(f"threads = {threads!r} is not allowed; it must be at least 1")
-    numbers = np.array([constants(p) for p in axes]).reshape(len(axes), len(Constants._fields))
-    y, status = np.empty((len(axes), 7, at.size)), np.empty(len(axes), np.int64)
-    limits = (MAX_EVENTS, MAX_PIECES)
+    y = np.empty((len(axes), 7, at.size))
 
     def work(first: int) -> None:
-        part = slice(first, first + _CHUNK)
-        switching.run_many(
-            numbers[part], *inputs.arrays, t_end, state, limits, at, y[part], status[part]
-        )
+        for n in range(first, min(first + _CHUNK, len(axes))):
+            try:
+                record, states = _exact(axes[n], inputs.copy(), t_end, state)
+            except IntegrationError as error:
+                raise IntegrationError(f"parameters[{n}]: {error}") from None
+            y[n] = states(record, at)
 
-    _ready_to_run()
     chunks = range(0, len(axes), _CHUNK)
-    if len(chunks) == 1 or threads == 1:
+    if len(chunks) < 2 or threads == 1:
         list(map(work, chunks))
     else:
+        _ready_to_run()
         with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
             list(pool.map(work, chunks))
-    for n in np.flatnonzero(status):
-        try:
-            given = inputs.schedule() if control is None else None
-            simulate(axes[n], given, t_end, control=control, y0=state)
-        except IntegrationError as error:
-            raise IntegrationError(f"parameters[{n}]: {error}") from None
     return y
+
+
+#: Of modes and guards, for events and errors.
+_TO_NAMES = switching.region_of, Region._fields.__getitem__
+
+
+def _exact(
+    p: AxisParameters, inputs: "_Inputs", t_end: float, state: np.ndarray
+) -> tuple[Record, Callable[[Record, np.ndarray], np.ndarray]]:
+    """Run an axis exactly; return the record and the function that makes states of it."""
+    numbers = np.array(constants(p))
+    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, (MAX_EVENTS, MAX_PIECES))
+    require_finished(record, *_TO_NAMES)
+    return record, partial(_states, numbers)
 
 
 def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
@@ -300,13 +299,10 @@ def _ready_to_run() -> Callable[..., Record]:
     timer.daemon = True
     timer.start()
     try:
-        numbers = np.array([constants(AxisParameters.paper_x_axis())])
-        y, row, at_rest = np.empty((1, 7, 1)), np.zeros(1), np.zeros(7)
-        limits, status = (MAX_EVENTS, MAX_PIECES), np.empty(1, np.int64)
-        given = (row, row, _NO_TRACK, _NO_LAW)
-        switching.run_many(numbers, *given, 1e-9, at_rest, limits, row, y, status)
-        record = switching.run(numbers[0], *given, 1e-9, at_rest, limits)
-        switching.states(record, row, numbers[0], y[0])
+        numbers = np.array(constants(AxisParameters.paper_x_axis()))
+        given = _Inputs(np.zeros(1), np.zeros(1)).arrays
+        record = switching.run(numbers, *given, 1e-9, np.zeros(7), (MAX_EVENTS, MAX_PIECES))
+        _states(numbers, record, np.zeros(1))
     finally:
         timer.cancel()
     return switching.run
@@ -384,6 +380,10 @@ class _Inputs:
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Law]:
         return self.starts, self.volts, self.track, self.law
+
+    def copy(self) -> "_Inputs":
+        """Inputs for another run, with volts of its own to be filled in."""
+        return replace(self, volts=self.volts.copy())
 
     def schedule(self) -> Schedule:
         return tuple(zip(self.starts.tolist(), self.volts.tolist(), strict=True))

@@ -33,7 +33,7 @@ from armsim.arm.dynamics import (
 from armsim.arm.slave_control import Law, put_out
 from armsim.methods import arrival, modal, piecewise_affine
 
-_OPTIONS = {"error_model": "numpy", "nogil": True}
+_OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 _compiled = njit(**_OPTIONS)
 
 _SIZE = len(Constants._fields)
@@ -220,15 +220,3 @@ def states(record, times, numbers, y, sources=_SOURCES):
     for j in range(times.size):
         x, y[1, j] = y[1, j], y[2, j]
         y[2, j] = (x + y[0, j]) / r_g
-
-
-@_kept
-def run_many(
-    numbers, starts, volts, track, law, t_end, y0, limits, times, y, status, sources=_SOURCES
-):
-    """Do `run` and `states` for `numbers` (r, 22); set `y` (r, 7, n) and `status` (r,)."""
-    for n in range(numbers.shape[0]):
-        record = run(numbers[n], starts, volts.copy(), track, law, t_end, y0, limits)
-        status[n] = record.status
-        if record.status == piecewise_affine.FINISHED:
-            states(record, times, numbers[n], y[n])

@@ -20,6 +20,8 @@ _OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 compiled = njit(**_OPTIONS)
 #: For what is called from one place, often, with many arrays.
 inlined = njit(forceinline=True, **_OPTIONS)
+#: For what is called from one place, once: not optimised on its own before its caller is.
+merged = njit(inline="always", **_OPTIONS)
 
 #: Largest entry of the inverse of the eigenvectors with which the modal form is used.
 WELL_CONDITIONED = 1e5

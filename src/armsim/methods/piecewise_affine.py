@@ -17,7 +17,7 @@ import numpy as np
 
 from armsim.methods import arrival, modal
 from armsim.methods.arrival import Mode
-from armsim.methods.modal import UNKNOWN, Matrices, compiled, inlined
+from armsim.methods.modal import UNKNOWN, Matrices, compiled, merged
 from armsim.methods.runge_kutta import IntegrationError
 
 #: Events at one time after which the modes are taken to chase each other for ever.
@@ -49,7 +49,7 @@ class Record(NamedTuple):
 # --- a run ------------------------------------------------------------------------------------
 
 
-@compiled
+@merged
 def _run_piece(here, m, place, h, z, w):
     """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
 
@@ -95,9 +95,9 @@ def given(interval, z, inputs, constants):
     return inputs[interval]
 
 
-# Inlined into its caller: so its caller's machine code holds no address of `equations` and
-# `successor`, and numba can keep it on disk.
-@inlined
+# Part of its caller: so the machine code holds no address of `equations` and `successor`, and numba
+# can keep it on disk.
+@merged
 def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, sizes, limits):
     """Run a piecewise-affine system: what `System.solve` calls, for use in other compiled code.
 
