@@ -60,18 +60,21 @@ $(INSTALLED): pyproject.toml $(LOCKED)
 book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m armsim.report.notebooks $< $(@D)
 
-# Two notebooks at a time; those that measure times wait, and then run one after another.
+# Two at a time; the notebooks that compare times wait, and then run one after another.
 MAKEFLAGS += --jobs=2
-TIMED := $(filter $(addprefix book/results/,$(addsuffix %,14 52 54 60 62 64)),$(RESULTS))
+TIMED := $(filter $(addprefix book/results/,$(addsuffix %,60 62 64)),$(RESULTS))
 UNTIMED := $(filter-out $(TIMED),$(RESULTS))
 $(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
 
-# What the others need is compiled meanwhile, and once.
-COMPILED := _build/.compiled
-$(filter-out $(addprefix book/results/,10% 12%),$(RESULTS)): | $(COMPILED)
-$(COMPILED): $(wildcard src/armsim/arm/*.py src/armsim/methods/*.py) $(LOCKED) | $(INSTALLED)
-	@echo 'Compiling the exact solver'
-	@$(BIN)/python -c 'from armsim.arm import *; simulate(AxisParameters.paper_x_axis())' 2> /dev/null
+# What several notebooks need is compiled first, and once.
+COMPILED := _build/.solver _build/.loops
+$(filter-out $(addprefix book/results/,10% 12%),$(RESULTS)): | _build/.solver
+$(filter $(addprefix book/results/,14% 40% 52%),$(RESULTS)) $(TIMED): | _build/.loops
+$(COMPILED): _build/.%: $(wildcard src/armsim/arm/*.py src/armsim/methods/*.py) \
+             src/armsim/amplifier.py src/armsim/report/peers.py src/armsim/report/precompile.py \
+             $(LOCKED) | $(INSTALLED)
+	@echo 'Compiling the $*'
+	@$(BIN)/python -m armsim.report.precompile $*
 	@mkdir -p $(@D) && touch $@
 
 VERDICTS := book/results/verdicts.md

@@ -14,6 +14,7 @@ Departures from the print, each a misprint corrected:
 """
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -199,21 +200,12 @@ def rhs(t, y, set_velocity, c):
 
 
 @_compiled
-def rhs_in_region(t, y, set_velocity, c, where):
-    """Right-hand side by the equations of one region: smooth, for steps from event to event."""
-    return derivative(y, set_velocity, c, where)
-
-
-# --- for the reader of a run ------------------------------------------------------------------
-
-
-@_compiled
 def _auxiliary_columns(y, c, regions, out):
     for n in range(y.shape[1]):
         where = region(y[:, n], c)
         if regions.size > 0:
             where = Region(regions[n, 0], regions[n, 1], regions[n, 2], regions[n, 3])
-        out[:, n] = np.array(auxiliary(y[:, n], c, where))
+        out[0, n], out[1, n], out[2, n], out[3, n] = auxiliary(y[:, n], c, where)
 
 
 def auxiliary_variables(
@@ -238,7 +230,7 @@ def auxiliary_variables(
     """
     y = np.ascontiguousarray(y, dtype=float)
     out = np.empty((4, y.shape[1]))
-    where = np.array(regions, dtype=np.int64).reshape(len(regions), 4)
+    where = np.fromiter(chain.from_iterable(regions), np.int64).reshape(len(regions), 4)
     _auxiliary_columns(y, constants(p), where, out)
     return dict(zip(("f_g", "F_s", "v_m", "v_c"), out, strict=True))
 

@@ -399,7 +399,7 @@ def first_arrival(here, m, place, by_modes, end, w):
                 w.proven[g] = end
     first, side = -1, 0
     for _ in range(MAX_SEARCH):
-        g = np.int64(0)  # no literal, for which what follows would be compiled once more
+        g = min(0, guards)  # no literal 0, for which all that follows would be compiled once more
         for other in range(1, guards):
             if w.proven[other] < w.proven[g]:
                 g = other

@@ -285,7 +285,8 @@ class ExactSolution:
         """Modes at the times `t` (k,); at an event, the mode after it."""
         out = np.empty(len(t), np.int64)
         modes_at(self.record, np.asarray(t, dtype=float), out)
-        return [self.mode_name(mode) for mode in out.tolist()]
+        names = {mode: self.mode_name(mode) for mode in set(out.tolist())}
+        return [names[mode] for mode in out.tolist()]
 
     @cached_property
     def events(self) -> tuple[Event, ...]:

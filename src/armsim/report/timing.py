@@ -146,6 +146,11 @@ def resolution(clock: Clock, samples: int = 100) -> float:
     return float(np.median(steps))
 
 
+def spent() -> float:
+    """Seconds of processor time so far, of this process and of its children that have ended."""
+    return sum(os.times()[:4])
+
+
 def machine() -> pd.DataFrame:
     """Return what the times were measured on, as a table of one row."""
     packages = ("numpy", "numba", "scipy", "scikit-sundae")
