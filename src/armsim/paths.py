@@ -12,3 +12,6 @@ DATA = next(folder for folder in (_PACKAGE / "data", _CHECKOUT / "data") if fold
 NOTEBOOKS = _CHECKOUT / "notebooks"
 RESULTS = _CHECKOUT / "book" / "results"
 MATHJAX = _CHECKOUT / "book" / "_static" / "mathjax" / "tex-svg-full.js"
+
+#: Set by the build to a folder that replaces the published results only when all went well.
+RESULTS_VARIABLE = "ARMSIM_RESULTS"

@@ -199,6 +199,9 @@ def rhs(t, y, set_velocity, c):
     return derivative(y, set_velocity, c, region(y, c))
 
 
+# --- for the reader of a run ------------------------------------------------------------------
+
+
 @_compiled
 def _auxiliary_columns(y, c, regions, out):
     for n in range(y.shape[1]):

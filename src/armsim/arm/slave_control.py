@@ -11,11 +11,10 @@ resolution of the encoder and the shape of the move are our choice.
 import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import njit
-from scipy.interpolate import CubicHermiteSpline
 
 from armsim.arm.parameters import checked_number
 
@@ -111,7 +110,9 @@ class Track:
         return self.period * (len(self.position) - 1)
 
     @cached_property
-    def _spline(self) -> CubicHermiteSpline:
+    def _spline(self) -> Any:
+        from scipy.interpolate import CubicHermiteSpline  # slow to import, and few need it
+
         times = self.period * np.arange(len(self.position))
         return CubicHermiteSpline(times, self.position, self.speed)
 

@@ -18,7 +18,7 @@ import papermill
 from nbclient.exceptions import DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
-from armsim.report.study import RESULTS_VARIABLE
+from armsim.paths import RESULTS_VARIABLE
 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _SCRATCH = re.compile(r"\.\d\d_[a-z0-9_]+-[a-z0-9_]{8}")

@@ -16,12 +16,10 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from myst_nb import glue
 
+from armsim.paths import RESULTS_VARIABLE
 from armsim.report.expected import to_json
 
 Value = float | int | str | bool
-
-#: Set by the build to a folder that replaces the published results only when all went well.
-RESULTS_VARIABLE = "ARMSIM_RESULTS"
 
 _STUDY = re.compile(r"\d\d_[a-z0-9_]+")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
