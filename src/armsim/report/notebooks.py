@@ -81,6 +81,7 @@ def executed(
             "IPYTHONDIR": str(scratch),  # no start-up files or history of the user's own
             "JUPYTER_PREFER_ENV_PATH": "1",  # python3 means the Python that runs this
             "PYTHONHASHSEED": "0",
+            "OPENBLAS_NUM_THREADS": "1",  # the matrices are small, and another notebook may run
         }
         with _environment(variables):
             notebook = _run(source, dict(parameters), scratch)
