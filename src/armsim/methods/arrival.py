@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armsim.methods import modal
-from armsim.methods.modal import TERMS, compiled, inlined
+from armsim.methods.modal import TERMS, compiled, inlined, merged
 
 #: Rows of `Work.proof`. (Views of rows would cost more than what is done with them.)
 SLOPE, CURVE, BEND, TWIST, UP, DOWN, STEADY = range(7)
@@ -165,7 +165,7 @@ def _first_derivative(g, here, z, w):
     return 0.0
 
 
-@inlined
+@merged
 def _resolve(g, here, m, place, by_modes, w):
     """Set the formula of a guard's value in the piece."""
     modes = m.modes[place] if by_modes else 0
@@ -198,7 +198,7 @@ def _resolve(g, here, m, place, by_modes, w):
         w.radius[g, k] = math.sqrt(disc.real**2 + disc.imag**2)
 
 
-@inlined
+@merged
 def _gain_modal(g, m, place, s, rest, w):
     """Return gain and slope of a guard at `s`, the sizes of its terms, and how far the proof goes.
 
@@ -245,7 +245,7 @@ def _gain_modal(g, m, place, s, rest, w):
     return gain, slope, sizes, reach
 
 
-@inlined
+@merged
 def _gain_series(g, s, end, w):
     """As `_gain_modal`, for a Taylor series: all is bounded together, as of no mode at all."""
     gain = slope = curve = sizes = bend = twist = 0.0
@@ -277,7 +277,7 @@ def _longest(room, slope, bend):
     return (root - slope) / bend if bend > 0.0 else math.inf
 
 
-@inlined
+@merged
 def _safe_step(above, below, modes, rest, proof):
     """Longest time for which a guard provably keeps within the room above and below it.
 
@@ -308,7 +308,7 @@ def _safe_step(above, below, modes, rest, proof):
     return min(max(best, min(step, farther)), rest)
 
 
-@inlined
+@merged
 def _prove(g, m, place, by_modes, lower, upper, end, w):
     """Carry the proof for a guard on by a step; return the side of a limit that it reaches, or 0.
 
@@ -331,7 +331,7 @@ def _prove(g, m, place, by_modes, lower, upper, end, w):
     return 0
 
 
-@inlined
+@merged
 def _clearance(g, m, place, by_modes, width, end, w):
     """Time by which a guard that turns inwards is clear of its limit, and not yet at the other.
 

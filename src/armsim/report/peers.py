@@ -27,7 +27,7 @@ except ImportError:  # it comes with the development environment only
     CVODE = None
 
 #: Evaluations after which a counted run is given up.
-MAX_EVALUATIONS = 200_000
+MAX_EVALUATIONS = 100_000
 
 
 class Equations:
