@@ -21,16 +21,17 @@ SHELL := /bin/bash
 unexport PYTHONPATH PYTHONHOME
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help book pdf check test clean distclean forget
+.PHONY: help install book pdf check test clean distclean forget
 .DELETE_ON_ERROR:
 
 help:
-	@echo 'make book       execute the notebooks that need it and build the HTML'
+	@echo 'make install    make the environment .venv, and compile the integration loops'
+	@echo 'make book       the same, then execute the notebooks that need it and build the HTML'
 	@echo 'make pdf        the same, and the book as one PDF, printed by Chromium'
 	@echo 'make test       build everything from clean, then lint, type-check and run every test'
 	@echo 'make check      the same without the clean start'
 	@echo 'make clean      remove what was built'
-	@echo 'make distclean  remove the environment .venv as well'
+	@echo 'make distclean  remove the environment and the machine code as well'
 	@echo
 	@echo 'PYTHON=python3.12 make book  takes another Python than python3 (3.11 to 3.13)'
 
@@ -57,6 +58,23 @@ $(INSTALLED): pyproject.toml $(LOCKED)
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
+# Machine code of what several notebooks call, made once. Numba does not see when a function that it
+# has compiled into another one changes, so then all of it goes.
+CODE := $(wildcard src/armsim/arm/*.py src/armsim/methods/*.py) \
+        $(wildcard src/armsim/amplifier.py src/armsim/report/peers.py src/armsim/report/precompile.py)
+EMPTIED := $(VENV)/.emptied
+$(EMPTIED): $(CODE) $(LOCKED) | $(INSTALLED)
+	@find src \( -name '*.nb[ic]' -o -name 'loop_*.py' \) -delete
+	@touch $@
+
+COMPILED := $(VENV)/.solver $(VENV)/.loops
+$(COMPILED): $(VENV)/.%: $(EMPTIED)
+	@echo 'Compiling the $*'
+	@$(BIN)/python -m armsim.report.precompile $*
+	@touch $@
+
+install: $(COMPILED)
+
 book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m armsim.report.notebooks $< $(@D)
 
@@ -66,16 +84,9 @@ TIMED := $(filter $(addprefix book/results/,$(addsuffix %,60 62 64)),$(RESULTS))
 UNTIMED := $(filter-out $(TIMED),$(RESULTS))
 $(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
 
-# What several notebooks need is compiled first, and once.
-COMPILED := _build/.solver _build/.loops
-$(filter-out $(addprefix book/results/,10% 12%),$(RESULTS)): | _build/.solver
-$(filter $(addprefix book/results/,14% 40% 52%),$(RESULTS)) $(TIMED): | _build/.loops
-$(COMPILED): _build/.%: $(wildcard src/armsim/arm/*.py src/armsim/methods/*.py) \
-             src/armsim/amplifier.py src/armsim/report/peers.py src/armsim/report/precompile.py \
-             $(LOCKED) | $(INSTALLED)
-	@echo 'Compiling the $*'
-	@$(BIN)/python -m armsim.report.precompile $*
-	@mkdir -p $(@D) && touch $@
+$(RESULTS): | $(EMPTIED)
+$(filter-out $(addprefix book/results/,10% 12%),$(RESULTS)): | $(VENV)/.solver
+$(filter $(addprefix book/results/,14% 40% 52%),$(RESULTS)) $(TIMED): | $(VENV)/.loops
 
 VERDICTS := book/results/verdicts.md
 $(VERDICTS): $(RESULTS) data/paper/claims.toml $(if $(STALE),forget)
@@ -126,7 +137,7 @@ test: clean
 clean:
 	@echo 'Removing what was built'
 	@rm -rf _build book/results .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	@find src tests -name __pycache__ -exec rm -rf {} +
 
 distclean: clean
 	@rm -rf $(VENV)
+	@find src tests -name __pycache__ -exec rm -rf {} +

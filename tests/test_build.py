@@ -14,7 +14,7 @@ SOURCES = """
     notebooks/10_one.ipynb notebooks/20_two.ipynb
 """
 PYTHON = """#!/bin/sh
-[ "$2" = pip ] || [ "$1" = -c ] && exit
+[ "$2" = pip ] || [ "$2" = armsim.report.precompile ] && exit
 [ "$2" = armsim.report.claims ] && echo verdicts >> log && touch "$3/verdicts.md" && exit
 [ "$2" = armsim.report.appendix ] && touch "$3/appendix-architecture.svg" && exit
 echo "$3" >> log
