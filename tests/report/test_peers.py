@@ -8,12 +8,12 @@ from armsim.arm.dynamics import Region
 from armsim.methods import IntegrationError, tableaux
 from armsim.report import peers as module
 from armsim.report.peers import (
-    arm_flow,
     arm_problems,
     exactly,
     fixed,
     linear_problem,
     peers,
+    region_flow,
     region_number,
 )
 
@@ -100,7 +100,7 @@ def test_regions_have_numbers_of_their_own(step):
     y = tuple(0.1 * problem.size)
     for where in regions:
         wanted = module.derivative(y, 5.0, k, where)
-        assert arm_flow(0.0, y, 5.0, region_number(where), k) == pytest.approx(wanted, rel=1e-12)
+        assert region_flow(0.0, y, 5.0, region_number(where), k) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_runs_without_end_are_given_up(linear, monkeypatch):

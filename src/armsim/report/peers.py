@@ -89,7 +89,9 @@ class Problem:
 
     equations: Equations
     y0: np.ndarray
-    legs: tuple[tuple[np.ndarray, int], ...]  #: times wanted, first to last, and the region or -1
+    legs: tuple[
+        tuple[np.ndarray, int], ...
+    ]  #: times, first to last; region or -1 for all
     exact: Callable[[np.ndarray], np.ndarray]
     size: np.ndarray  #: largest value of each state
     scale: np.ndarray  #: largest value of each component that is compared
@@ -114,7 +116,7 @@ class Problem:
             while law is not None and sample < outputs.size and times[0] >= starts[sample] - 1e-12:
                 volts = float(put_out(sample, y[2], self.r_g, track, law, memory, outputs))
                 sample += 1
-            args = () if volts is None else (volts, where)
+            args = () if volts is None else (volts,) if where < 0 else (volts, where)
             at, found = solve(equations, times, y, args)
             t.append(at[1:])
             states.append(found[:, 1:])
@@ -144,16 +146,14 @@ def linear_flow(t, y, rows, drive):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath={"contract"}, error_model="numpy")
-def arm_flow(t, y, volts, where, k):  # type: ignore[no-untyped-def]
-    """Arm with all limits, or by the equations of the region with the number `where`."""
-    if where < 0:
-        return rhs(t, y, volts, k)
+def region_flow(t, y, volts, where, k):  # type: ignore[no-untyped-def]
+    """Arm by the equations of the region with the number `where`: smooth, between two events."""
     region = Region(where // 36 - 1, where // 12 % 3 - 1, where // 4 % 3 - 1, where % 4 - 1)
     return derivative(y, volts, k, region)
 
 
 def region_number(where: Region) -> int:
-    """Number by which `arm_flow` knows a region."""
+    """Number by which `region_flow` knows a region."""
     preamplifier, power, contact, friction = where
     return ((preamplifier + 1) * 3 + power + 1) * 12 + (contact + 1) * 4 + friction + 1
 
@@ -180,8 +180,8 @@ def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 
 
 
 @cache
-def _arm_equations(p: AxisParameters) -> Equations:
-    return Equations(arm_flow, (constants(p),))
+def _arm_equations(flow: Callable, p: AxisParameters) -> Equations:
+    return Equations(flow, (constants(p),))
 
 
 def arm_problems(run: Trajectory, interval: float = 5e-3) -> tuple[Problem, Problem]:
@@ -205,8 +205,7 @@ def arm_problems(run: Trajectory, interval: float = 5e-3) -> tuple[Problem, Prob
         ]
         return tuple(zip(times, regions, strict=True))
 
-    equations, y0 = _arm_equations(p), np.zeros(7)
-    size = np.abs(run.y).max(axis=1)
+    y0, size = np.zeros(7), np.abs(run.y).max(axis=1)
     volts = None if run.control is not None else float(run.set_velocity(0.0))
     common: dict[str, Any] = {
         "set_velocity": volts, "control": run.control, "t_end": t_end, "r_g": p.r_g
@@ -214,8 +213,8 @@ def arm_problems(run: Trajectory, interval: float = 5e-3) -> tuple[Problem, Prob
     plain = legs(cuts, [-1] * (len(cuts) - 1))
     landed = legs(cuts_landed, [region_number(region) for region in where])
     return (
-        Problem(equations, y0, plain, run, size, size, **common),
-        Problem(equations, y0, landed, run, size, size, **common),
+        Problem(_arm_equations(rhs, p), y0, plain, run, size, size, **common),
+        Problem(_arm_equations(region_flow, p), y0, landed, run, size, size, **common),
     )
 
 

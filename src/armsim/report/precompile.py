@@ -11,11 +11,11 @@ import numpy as np
 
 from armsim import amplifier
 from armsim.arm import AxisParameters, LinearAxis, simulate
-from armsim.arm.dynamics import constants, rhs
+from armsim.arm.dynamics import Region, constants, rhs
 from armsim.methods import IntegrationError, integrate, tableaux
 from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
-from armsim.report.peers import arm_flow, linear_flow
+from armsim.report.peers import linear_flow, region_flow, region_number
 
 _PAPER = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
 _ALL = (tableaux.EULER, tableaux.RK4_GILL, tableaux.RK5, *_PAPER)
@@ -29,7 +29,7 @@ def _equations() -> dict[str, tuple[Callable, int, tuple]]:
     k, (A, B) = constants(p), LinearAxis(p).state_space()
     return {
         "arm": (rhs, 7, (10.0, k)),
-        "peers": (arm_flow, 7, (10.0, -1, k)),
+        "region": (region_flow, 7, (10.0, region_number(Region(0, 0, 0, 0)), k)),
         "linear": (linear_flow, 4, (tuple(map(tuple, A.tolist())), tuple(B.tolist()))),
         "fibre": (amplifier.rhs, len(fibre.input_power), fibre.args),
     }
@@ -38,14 +38,12 @@ def _equations() -> dict[str, tuple[Callable, int, tuple]]:
 def _loops() -> Iterator[tuple[str, Form, tuple[Tableau, ...], float | None]]:
     """Equations, form, methods and step size of the loops that notebooks call."""
     step = 1e-9
-    yield "arm", "additive", _ALL, step
-    yield "arm", "exponential", (tableaux.DP4,), step
-    for name in ("peers", "linear"):
+    for name in ("arm", "region", "linear"):
         yield name, "additive", (*_ALL, *_PRINTED), step
         yield name, "exponential", _PAPER, step
         yield name, "as printed", _PAPER, step
         yield name, "additive", (tableaux.DP5,), None
-    yield "peers", "exponential product", _PAPER, step
+    yield "arm", "exponential product", _PAPER, step
     for form in ("additive", "exponential"):
         yield "fibre", form, _FIBRE, step
         yield "fibre", form, (tableaux.DP5,), None
