@@ -89,9 +89,7 @@ class Problem:
 
     equations: Equations
     y0: np.ndarray
-    legs: tuple[
-        tuple[np.ndarray, int], ...
-    ]  #: times, first to last; region or -1 for all
+    legs: tuple[tuple[np.ndarray, int], ...]  #: times, first to last; region or -1 for all
     exact: Callable[[np.ndarray], np.ndarray]
     size: np.ndarray  #: largest value of each state
     scale: np.ndarray  #: largest value of each component that is compared

@@ -120,6 +120,7 @@ def measure(
     random, collecting = np.random.default_rng(seed), gc.isenabled()
     for function in todo if warm_up else ():
         function()
+    gc.freeze()  # what is there already is not looked through again and again
     try:
         for n in range(repetitions):
             gc.collect()
@@ -130,6 +131,7 @@ def measure(
                 seconds[n, which] = total / counts[which]
                 progress(1)
     finally:
+        gc.unfreeze()
         if collecting:
             gc.enable()
     return Timing(names, seconds, calls, place, chosen, resolutions[chosen])
