@@ -147,7 +147,7 @@ def architecture(graph: Mapping[str, set[str]]) -> Figure:
             tone = ("limit", "gear", "arm")[_level(module)]
             sheet.line([(x, y), (u, v)], color=figures.COLOUR[tone], lw=0.9, alpha=0.55, zorder=1)
     for module, (x, y) in place.items():
-        sheet.block(x, y, cell - 8, 20, module.rpartition(".")[2], size=9)
+        sheet.block(x, y, cell - 6, 20, module.rpartition(".")[2], size=8.5)
     return sheet.figure
 
 

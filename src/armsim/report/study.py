@@ -149,7 +149,7 @@ class Study:
             Named like a record; once per study.
         frame : pandas.DataFrame
             Cells are texts as they shall appear, mathematics included. The index is left out.
-            A column of numbers is set flush right.
+            A column most of whose cells are numbers is set flush right.
 
         Raises
         ------
@@ -161,7 +161,7 @@ class Study:
             raise ValueError(f"table {key}: a heading is missing in {list(frame.columns)}")
         cells = [[_cell(cell) for cell in row] for row in frame.itertuples(index=False)]
         rules = [
-            "---:" if cells and all(_NUMBER.match(cell) for cell in column) else "---"
+            "---:" if sum(bool(_NUMBER.match(cell)) for cell in column) > len(column) / 2 else "---"
             for column in zip(*cells, strict=True)
         ] or ["---"] * len(frame.columns)
         rows = [[_cell(name) for name in frame.columns], rules, *cells]
