@@ -146,6 +146,25 @@ def test_unfit_python_is_refused_with_advice(tree):
     assert (tree.root / ".venv/bin/python").exists()
 
 
+def test_machine_code_goes_when_what_is_compiled_into_it_changes(tree):
+    code = tree.write("src/armsim/methods/__pycache__/loop_1.py")
+    kept = tree.write("src/armsim/methods/__pycache__/__pycache__/loop_1.nbi")
+    tree.make("book")
+    tree.write("src/armsim/page.py")
+    assert tree.make_now("book") == ALL
+    assert code.exists() and kept.exists() and "Compiling" not in tree.last.stdout
+    tree.make("clean")
+    assert code.exists() and kept.exists()
+    tree.make("book")
+    tree.write("src/armsim/arm/dynamics.py")
+    assert tree.make_now("book") == ALL
+    assert not code.exists() and not kept.exists()
+    assert "Compiling the solver" in tree.last.stdout  # the loops are for other notebooks
+    tree.write("src/armsim/methods/__pycache__/loop_1.py")
+    tree.make("distclean")
+    assert not code.exists() and not (tree.root / ".venv").exists()
+
+
 def test_clean_removes_what_was_built_and_nothing_else(tree):
     tree.write("runs/20_two/20_two.json")
     tree.make_now("clean")

@@ -10,7 +10,15 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from armsim.arm import identify
-from armsim.arm.identify import Problem, bootstrap, check_model, fit, identifiability, profile
+from armsim.arm.identify import (
+    SIGNALS,
+    Problem,
+    bootstrap,
+    check_model,
+    fit,
+    identifiability,
+    profile,
+)
 from armsim.arm.measurement import read_axis, read_measurement
 from armsim.methods import IntegrationError, tableaux
 from armsim.paths import DATA
@@ -174,6 +182,19 @@ def test_bootstrap_spreads_as_the_standard_errors_say(found):
     np.testing.assert_allclose(high - low, 2 * 1.96 * found.standard_errors, rtol=0.35)
     again = bootstrap(found, 10, executor=InTurn(), progress=False)
     np.testing.assert_array_equal(again.values, drawn.values[:10])
+
+
+def test_known_slopes_change_nothing(found):
+    """Bias and drift cancel, so those of the fitted motion serve for every record of it."""
+    problem, start = found.problem, found.logarithms
+    ideal, rng = problem.model([start])[0], np.random.default_rng(0)
+    seen = (ideal + rng.standard_normal(ideal.shape)) * problem.instrument.deviations
+    record = dataclasses.replace(problem.measurement, **dict(zip(SIGNALS, seen, strict=True)))
+    noisy = dataclasses.replace(problem, measurement=record)
+    np.testing.assert_array_equal(noisy.jacobian(start), problem.jacobian(start))
+    with_them = noisy.solve(start, problem.jacobian(start))
+    np.testing.assert_array_equal(with_them.x, noisy.solve(start).x)
+    assert not np.array_equal(with_them.x, start)
 
 
 class InTurn(Executor):

@@ -127,6 +127,13 @@ def test_table_escapes_bars_and_sets_numbers_right(study, shown):
     assert shown[0].data == text
 
 
+def test_table_sets_a_column_right_if_most_of_it_are_numbers(study):
+    cells = {"some": ["1", "–", "not yet"], "most": ["1", "–", "2"], "none": ["–", "a", "b"]}
+    study.table("t", pd.DataFrame(cells))
+    rules = (study.results / "20_topic-t.md").read_text().splitlines()[1]
+    assert rules == "| --- | ---: | --- |"
+
+
 def test_table_needs_headings(study):
     with pytest.raises(ValueError, match=r"table t: a heading is missing in \['', 'value'\]"):
         study.table("t", pd.DataFrame({"": ["x"], "value": ["1"]}))

@@ -2,12 +2,14 @@
 
 import gc
 import itertools
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from armsim.report import timing
-from armsim.report.timing import measure, resolution
+from armsim.report.timing import measure, resolution, spent
 
 
 class Machine:
@@ -160,3 +162,13 @@ def test_machine_names_its_software(monkeypatch):
     assert row["machine"]
     monkeypatch.setattr(timing, "metadata", timing.metadata)
     assert timing._version("no-such-package") == "no-such-package missing"
+
+
+def test_processor_time_of_children_counts():
+    work = "import time\nwhile time.process_time() < 0.5: pass"
+    before = spent()
+    subprocess.run([sys.executable, "-c", work], check=True)
+    assert spent() - before >= 0.5
+    before = spent()
+    subprocess.run([sys.executable, "-c", "import time; time.sleep(0.5)"], check=True)
+    assert spent() - before < 0.5

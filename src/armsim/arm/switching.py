@@ -32,9 +32,7 @@ from armsim.arm.dynamics import (
 )
 from armsim.arm.slave_control import Law, put_out
 from armsim.methods import arrival, modal, piecewise_affine
-
-_OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
-_compiled = njit(**_OPTIONS)
+from armsim.methods.modal import OPTIONS, compiled
 
 _SIZE = len(Constants._fields)
 _OFFSETS = tuple(Constants._fields.index(name) for name in ("V_L", "V_M", "H", "F_0"))
@@ -45,17 +43,17 @@ _FRICTION = (0, -1, STUCK, 1, 0)
 _REST, _FAST = 2, 4
 
 
-@_compiled
+@compiled
 def _named(numbers):
     return Constants(*to_fixed_tuple(numbers, _SIZE))
 
 
-@_compiled
+@compiled
 def _mode(where, speed):
     return ((where.preamplifier + 1) * 9 + (where.power + 1) * 3 + where.contact + 1) * 5 + speed
 
 
-@_compiled
+@compiled
 def _region(mode):
     return Region(mode // 45 - 1, mode // 15 % 3 - 1, mode // 5 % 3 - 1, _FRICTION[mode % 5])
 
@@ -65,19 +63,19 @@ def region_of(mode: int) -> Region:
     return _region.py_func(mode)
 
 
-@_compiled
+@compiled
 def _paper(z, k):
     """State y0 … y6, pinion and rack moved to where y0 = 0: nothing depends on the position."""
     return 0.0, z[2], z[1] / k.r_g, z[3], z[4], z[5], z[6]
 
 
-@_compiled
+@compiled
 def _set_slope(slope, k, out):
     out[0], out[1] = slope[0], k.r_g * slope[2] - slope[0]
     out[2], out[3], out[4], out[5], out[6] = slope[1], slope[3], slope[4], slope[5], slope[6]
 
 
-@_compiled
+@compiled
 def _signals(z, where, k):
     """What decides on the branches: v_c and v_m before their limits, and f_g."""
     y = _paper(z, k)
@@ -86,7 +84,7 @@ def _signals(z, where, k):
     return preamplifier_output(y, k, 0), v_m, gear_force(y, k, where.contact)
 
 
-@_compiled
+@compiled
 def _range(branch, limit):
     """Range of a signal in a branch: beyond the limit on either side, or between."""
     if branch == 0:
@@ -94,7 +92,7 @@ def _range(branch, limit):
     return (limit, np.inf) if branch > 0 else (-np.inf, -limit)
 
 
-@_compiled
+@compiled
 def _speed_range(speed, k):
     if k.F_0 == 0.0 or k.v_s == 0.0:
         return -np.inf, np.inf
@@ -103,7 +101,7 @@ def _speed_range(speed, k):
     return (-np.inf, -k.v_s) if speed == 0 else (-k.v_s, 0.0)
 
 
-@_compiled
+@compiled
 def equations(mode, volts, numbers, out):
     """Fill in a mode; see `piecewise_affine.System`."""
     A, b, normal, lower, upper = out
@@ -135,7 +133,7 @@ def equations(mode, volts, numbers, out):
         lower[3], upper[3] = _speed_range(speed, k)
 
 
-@_compiled
+@compiled
 def successor(mode, guard, side, z, numbers):
     """Return the mode after a guard has left; see `piecewise_affine.System`."""
     if guard < 3:
@@ -159,7 +157,7 @@ class Inputs(NamedTuple):
     memory: np.ndarray  #: of the unit
 
 
-@_compiled
+@compiled
 def hold(interval, z, inputs, numbers):
     """Return the set velocity in an interval; see `piecewise_affine.solve`."""
     if inputs.track.shape[0] == 0:
@@ -169,7 +167,7 @@ def hold(interval, z, inputs, numbers):
     return put_out(interval, angle, r_g, track, law, inputs.memory, inputs.volts)
 
 
-@_compiled
+@compiled
 def start(y, numbers):
     """State and mode at a start `y` (7,), the paper's y0 … y6."""
     k = _named(numbers)
@@ -194,7 +192,7 @@ def start(y, numbers):
 _MODULES = (dynamics, slave_control, modal, arrival, piecewise_affine)
 _FILES = [__file__, *(str(module.__file__) for module in _MODULES)]
 _SOURCES = zlib.crc32(b"".join(Path(file).read_bytes() for file in _FILES))
-_kept = njit(cache=True, **_OPTIONS)
+_kept = njit(cache=True, **OPTIONS)
 
 
 @_kept

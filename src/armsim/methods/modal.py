@@ -16,12 +16,12 @@ import numpy as np
 from numba import njit, types
 from numba.extending import get_cython_function_address
 
-_OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
-compiled = njit(**_OPTIONS)
-#: For what is called from one place, often, with many arrays.
-inlined = njit(forceinline=True, **_OPTIONS)
-#: For what is called from one place, once: not optimised on its own before its caller is.
-merged = njit(inline="always", **_OPTIONS)
+OPTIONS = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
+compiled = njit(**OPTIONS)
+#: For what is small, or called from several places.
+inlined = njit(forceinline=True, **OPTIONS)
+#: For what is called from one place: part of its caller, not optimised on its own before.
+merged = njit(inline="always", **OPTIONS)
 
 #: Largest entry of the inverse of the eigenvectors with which the modal form is used.
 WELL_CONDITIONED = 1e5

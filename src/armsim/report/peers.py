@@ -89,7 +89,7 @@ class Problem:
 
     equations: Equations
     y0: np.ndarray
-    legs: tuple[tuple[np.ndarray, int], ...]  #: times, first to last; region or -1 for all
+    legs: tuple[tuple[np.ndarray, tuple], ...]  #: times, first to last; arguments after the input
     exact: Callable[[np.ndarray], np.ndarray]
     size: np.ndarray  #: largest value of each state
     scale: np.ndarray  #: largest value of each component that is compared
@@ -110,11 +110,11 @@ class Problem:
         if self.control is not None:
             starts, track = self.control.samples(self.t_end)
             outputs, law = np.zeros(starts.size), self.control.law
-        for times, where in self.legs:
+        for times, more in self.legs:
             while law is not None and sample < outputs.size and times[0] >= starts[sample] - 1e-12:
                 volts = float(put_out(sample, y[2], self.r_g, track, law, memory, outputs))
                 sample += 1
-            args = () if volts is None else (volts,) if where < 0 else (volts, where)
+            args = more if volts is None else (volts, *more)
             at, found = solve(equations, times, y, args)
             t.append(at[1:])
             states.append(found[:, 1:])
@@ -156,12 +156,15 @@ def region_number(where: Region) -> int:
     return ((preamplifier + 1) * 3 + power + 1) * 12 + (contact + 1) * 4 + friction + 1
 
 
+def linear_arguments(p: AxisParameters, volts: float) -> tuple[tuple, tuple]:
+    """Return what `linear_flow` takes after t and y for a set velocity in volts."""
+    A, B = LinearAxis(p).state_space()
+    return tuple(map(tuple, A.tolist())), tuple((B * volts).tolist())
+
+
 def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 100) -> Problem:
     """Step response of the reduced linear arm; position, velocity and current are compared."""
-    axis = LinearAxis(p)
-    A, B = axis.state_space()
-    fixed = tuple(map(tuple, A.tolist())), tuple((B * volts).tolist())
-    response = axis.step_response(volts)
+    fixed, response = linear_arguments(p, volts), LinearAxis(p).step_response(volts)
 
     def exact(t: np.ndarray) -> np.ndarray:
         return np.array([response.position(t), response.velocity(t), response.current(t)])
@@ -173,7 +176,7 @@ def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 
     fine = integrate(linear_flow, (0.0, t_end), at_rest, tableaux.RK6, t_end / 5000, args=fixed)
     size, scale = (np.abs(y).max(axis=1) for y in (fine.y, exact(fine.t)))
     return Problem(
-        Equations(linear_flow, fixed), at_rest, ((times, -1),), exact, size, scale, outputs
+        Equations(linear_flow, fixed), at_rest, ((times, ()),), exact, size, scale, outputs
     )
 
 
@@ -195,21 +198,21 @@ def arm_problems(run: Trajectory, interval: float = 5e-3) -> tuple[Problem, Prob
     cuts_landed = np.unique(np.concatenate((cuts, at[(at > 0) & (at < t_end)])))
     where = run.regions(0.5 * (cuts_landed[1:] + cuts_landed[:-1]))
 
-    def legs(cuts: np.ndarray, regions: list[int]) -> tuple[tuple[np.ndarray, int], ...]:
+    def legs(cuts: np.ndarray, more: list[tuple]) -> tuple[tuple[np.ndarray, tuple], ...]:
         inside = [grid[(grid > a) & (grid < b)] for a, b in pairwise(cuts)]
         times = [
             np.concatenate(([a], middle, [b]))
             for a, middle, b in zip(cuts[:-1], inside, cuts[1:], strict=True)
         ]
-        return tuple(zip(times, regions, strict=True))
+        return tuple(zip(times, more, strict=True))
 
     y0, size = np.zeros(7), np.abs(run.y).max(axis=1)
     volts = None if run.control is not None else float(run.set_velocity(0.0))
     common: dict[str, Any] = {
         "set_velocity": volts, "control": run.control, "t_end": t_end, "r_g": p.r_g
     }  # fmt: skip
-    plain = legs(cuts, [-1] * (len(cuts) - 1))
-    landed = legs(cuts_landed, [region_number(region) for region in where])
+    plain = legs(cuts, [()] * (len(cuts) - 1))
+    landed = legs(cuts_landed, [(region_number(region),) for region in where])
     return (
         Problem(_arm_equations(rhs, p), y0, plain, run, size, size, **common),
         Problem(_arm_equations(region_flow, p), y0, landed, run, size, size, **common),

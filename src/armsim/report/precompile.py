@@ -10,12 +10,12 @@ from contextlib import suppress
 import numpy as np
 
 from armsim import amplifier
-from armsim.arm import AxisParameters, LinearAxis, simulate
+from armsim.arm import AxisParameters, simulate
 from armsim.arm.dynamics import Region, constants, rhs
 from armsim.methods import IntegrationError, integrate, tableaux
 from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
-from armsim.report.peers import linear_flow, region_flow, region_number
+from armsim.report.peers import linear_arguments, linear_flow, region_flow, region_number
 
 _PAPER = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
 _ALL = (tableaux.EULER, tableaux.RK4_GILL, tableaux.RK5, *_PAPER)
@@ -26,11 +26,11 @@ _FIBRE = tuple(method for method in _ALL if method is not tableaux.DP4)
 def _equations() -> dict[str, tuple[Callable, int, tuple]]:
     """Right-hand side, number of states and further arguments, by name."""
     p, fibre = AxisParameters.paper_x_axis(), amplifier.RamanAmplifier()
-    k, (A, B) = constants(p), LinearAxis(p).state_space()
+    k = constants(p)
     return {
         "arm": (rhs, 7, (10.0, k)),
         "region": (region_flow, 7, (10.0, region_number(Region(0, 0, 0, 0)), k)),
-        "linear": (linear_flow, 4, (tuple(map(tuple, A.tolist())), tuple(B.tolist()))),
+        "linear": (linear_flow, 4, linear_arguments(p, 10.0)),
         "fibre": (amplifier.rhs, len(fibre.input_power), fibre.args),
     }
 
