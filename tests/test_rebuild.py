@@ -54,5 +54,10 @@ def test_second_build_gives_the_same_bytes(study, again):
 def test_makefile_lets_what_compares_times_run_alone():
     rule = re.search(r"^TIMED := .*addsuffix %,([\d ]+)\)", (ROOT / "Makefile").read_text(), re.M)
     notebooks = sorted((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb"))
-    timed = [p.stem[:2] for p in notebooks if re.search(r"\bmeasure\(", p.read_text())]
+    timed, noted = (
+        [p.stem[:2] for p in notebooks if re.search(rf"\b{function}\(", p.read_text())]
+        for function in ("measure", "spent")  # the second adds up what a notebook has used
+    )
     assert rule and timed and rule[1].split() == timed
+    records = sorted(RESULTS.glob("[0-9][0-9]_*.json"))
+    assert sorted(timed + noted) == [p.stem[:2] for p in records if measures_time(p)]
