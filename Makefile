@@ -70,13 +70,13 @@ $(EMPTIED): $(CODE) $(LOCKED) | $(INSTALLED)
 COMPILED := $(VENV)/.solver $(VENV)/.loops
 $(COMPILED): $(VENV)/.%: $(EMPTIED)
 	@echo 'Compiling the $*'
-	@$(BIN)/python -m armsim.report.precompile $*
+	@$(BIN)/python -m armbook.precompile $*
 	@touch $@
 
 install: $(COMPILED)
 
 book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
-	@$(BIN)/python -m armsim.report.notebooks $< $(@D)
+	@$(BIN)/python -m reportkit.execute $< $(@D)
 
 # Two at a time; the notebooks that compare times wait, and then run one after another.
 MAKEFLAGS += --jobs=2
@@ -90,12 +90,12 @@ $(filter $(addprefix book/results/,14% 40% 52%),$(RESULTS)) $(TIMED): | $(VENV)/
 
 VERDICTS := book/results/verdicts.md
 $(VERDICTS): $(RESULTS) data/paper/claims.toml $(if $(STALE),forget)
-	@$(BIN)/python -m armsim.report.claims $(@D)
+	@$(BIN)/python -m reportkit.claims $(@D)
 
 # Drawing of the modules, versions, hashes of the data.
 APPENDIX := book/results/appendix-architecture.svg
 $(APPENDIX): $(RESULTS) $(INPUTS) $(LOCKED) $(if $(STALE),forget)
-	@$(BIN)/python -m armsim.report.appendix $(@D)
+	@$(BIN)/python -m armbook.architecture $(@D)
 
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.
 $(BUILT): $(PAGES) $(RESULTS) $(VERDICTS) $(APPENDIX) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
@@ -114,7 +114,7 @@ $(PDF): $(BUILT)
 	@echo 'Building the PDF'
 	@rm -rf $(SINGLE)
 	@$(BIN)/jupyter-book build . --builder singlehtml --path-output $(SINGLE) -W --keep-going -n -q > /dev/null
-	@$(BIN)/python -m armsim.report.pdf $(SINGLE)/_build/singlehtml/index.html $@
+	@$(BIN)/python -m reportkit.pdf $(SINGLE)/_build/singlehtml/index.html $@
 
 # The results of a notebook that is no more must not be published.
 forget:

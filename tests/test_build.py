@@ -14,9 +14,9 @@ SOURCES = """
     notebooks/10_one.ipynb notebooks/20_two.ipynb
 """
 PYTHON = """#!/bin/sh
-[ "$2" = pip ] || [ "$2" = armsim.report.precompile ] && exit
-[ "$2" = armsim.report.claims ] && echo verdicts >> log && touch "$3/verdicts.md" && exit
-[ "$2" = armsim.report.appendix ] && touch "$3/appendix-architecture.svg" && exit
+[ "$2" = pip ] || [ "$2" = armbook.precompile ] && exit
+[ "$2" = reportkit.claims ] && echo verdicts >> log && touch "$3/verdicts.md" && exit
+[ "$2" = armbook.architecture ] && touch "$3/appendix-architecture.svg" && exit
 echo "$3" >> log
 grep -q fail "$3" && exit 1
 mkdir -p "$4" && cp "$3" "$4"

@@ -34,7 +34,7 @@ def again(tmp_path_factory):
     folder = tmp_path_factory.mktemp("again")
 
     def execute(study):
-        command = [sys.executable, "-m", "armsim.report.notebooks", f"notebooks/{study}.ipynb"]
+        command = [sys.executable, "-m", "reportkit.execute", f"notebooks/{study}.ipynb"]
         subprocess.run([*command, folder], cwd=ROOT, check=True, capture_output=True)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:

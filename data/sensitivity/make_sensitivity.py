@@ -17,9 +17,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from armsim.report import claims
-from armsim.report.expected import load_all
-from armsim.report.sensitivity import BASE, FAILS, VERDICTS
+from armbook.sensitivity import BASE, FAILS, VERDICTS
+from reportkit import claims
+from reportkit.check import load_all
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Those that run the arm and measure no times; 60 and 62 compare methods, 12 and 64 have no arm.
@@ -64,7 +64,7 @@ def outcomes(copy: Path, choice: str, factor: float) -> list[list[object]]:
     environment = os.environ | {"PYTHONPATH": str(copy / "src")}
     rows: list[list[object]] = []
     for notebook in CHOICES[choice]:
-        command = [sys.executable, "-m", "armsim.report.notebooks", f"notebooks/{notebook}.ipynb"]
+        command = [sys.executable, "-m", "reportkit.execute", f"notebooks/{notebook}.ipynb"]
         done = subprocess.run(
             [*command, str(results)], cwd=copy, env=environment, capture_output=True, text=True
         )

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from scipy.constants import c
 from scipy.special import wofz
 
-from armsim.methods.runge_kutta import require_positive
+from armsim.checks import checked_number
+from armsim.machine_code import kept
 
 #: Vibrational modes of silica: position, strength, and full widths at half maximum of the Gaussian
 #: and of the Lorentzian part, in 1/cm but for the strength, which is relative. Hollenbeck and
@@ -116,7 +116,7 @@ class RamanAmplifier:
         if self.channels < 1:
             raise ValueError(f"channels = {self.channels!r}: at least 1 is needed")
         for name in ("channel_power", "length", "effective_area", "peak_gain"):
-            require_positive(name, getattr(self, name))
+            checked_number(name, getattr(self, name), above=0.0)
 
     @cached_property
     def frequency(self) -> np.ndarray:
@@ -156,7 +156,7 @@ class RamanAmplifier:
         return np.tensordot(1 / self.frequency, power, axes=1)
 
 
-@njit(cache=True)
+@kept()
 def growth_rate(power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.ndarray:
     """F, the relative growth of each power along the fibre, 1/m."""
     rate = -loss
@@ -166,19 +166,19 @@ def growth_rate(power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.nda
     return rate
 
 
-@njit(cache=True)
+@kept()
 def rhs(z: float, power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.ndarray:
     """dP/dz = P F(P), W/m, with the arguments of `scipy.integrate.solve_ivp`."""
     return power * growth_rate(power, loss, gain)
 
 
-@njit(cache=True)
+@kept()
 def log_rhs(z: float, log_power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.ndarray:
     """The same equations for ln P."""
     return growth_rate(np.exp(log_power), loss, gain)
 
 
-@njit(cache=True)
+@kept()
 def average_power(
     power: np.ndarray,
     loss: np.ndarray,

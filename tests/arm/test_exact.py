@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armsim.arm import AxisParameters, simulate, simulate_many, switching
+from armsim.arm import AxisParameters, modes, simulate, simulate_many
 from armsim.arm.dynamics import STUCK, Region, auxiliary_variables, constants, derivative
+from armsim.exact.piecewise_affine import Mode
 from armsim.methods import IntegrationError, tableaux
-from armsim.methods.piecewise_affine import Mode
 
 P = AxisParameters.paper_x_axis()
 REFERENCES = sorted((Path(__file__).parents[1] / "reference").glob("*.json"))
@@ -62,11 +62,11 @@ def test_every_mode_has_the_equations_of_its_region(speed):
     numbers = np.array(constants(P))
     for branches in itertools.product((-1, 0, 1), repeat=3):
         mode = ((branches[0] + 1) * 9 + (branches[1] + 1) * 3 + branches[2] + 1) * 5 + speed
-        where = switching.region_of(mode)
+        where = modes.region_of(mode)
         assert where[:3] == branches
         assert where.friction == (0, -1, STUCK, 1, 0)[speed]
         here = Mode(np.empty((7, 7)), np.empty(7), np.empty((4, 7)), np.empty(4), np.empty(4))
-        switching.equations(mode, 7.0, numbers, here)
+        modes.equations(mode, 7.0, numbers, here)
         y = rng.normal(size=7) * [1, 1, 100, 100, 10, 1000, 10]
         if where.friction == STUCK:
             y[1] = 0.0

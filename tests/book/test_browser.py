@@ -10,7 +10,7 @@ from playwright.sync_api import sync_playwright
 
 from armsim.arm import AxisParameters, simulate
 from armsim.arm.response import settling_time
-from armsim.report import pdf
+from reportkit import pdf
 
 CHROMIUM = next(filter(None, map(shutil.which, pdf.BROWSERS)), "")
 FLAGS = [

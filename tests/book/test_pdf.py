@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from armsim.report import pdf
+from reportkit import pdf
 
 ROOT = Path(__file__).parents[2]
 

@@ -8,8 +8,10 @@ import sympy
 from nodepy import rk
 from scipy.integrate import RK45
 
+from armsim import paper
 from armsim.methods import tableaux, trees
-from armsim.methods.tableaux import DP4, DP5, PRINTED, RK4_GILL, RK5, RK6, Tableau
+from armsim.methods.tableaux import DP4, DP5, RK4_GILL, RK5, RK6, Tableau
+from armsim.paper import PRINTED
 
 # Butcher (1964), one list of (stage, previous stage, numerator, denominator) for each method,
 # written down independently of the package.
@@ -129,21 +131,21 @@ def test_what_derives_from_a_tableau():
     ],
 )
 def test_printed_fractions_are_the_papers(key, row, stage, pair):
-    rows = tableaux.printed_fractions(key)
+    rows = paper.printed_fractions(key)
     assert rows[row - 1][stage - 1] == pair
     entry = [*PRINTED[key].A.tolist(), list(PRINTED[key].b)][row - 1][stage - 1]
     assert entry == sympy.Rational(*pair)
 
 
 def test_both_novel_methods_print_the_same_rows():
-    fifth, sixth = (tableaux.printed_fractions(key) for key in ("ndp5", "ndp6"))
+    fifth, sixth = (paper.printed_fractions(key) for key in ("ndp5", "ndp6"))
     assert [row[:6] for row in sixth[:6]] == fifth[:6]
     assert sixth[6][:6] == fifth[6]  # the last stage is at the fifth-order solution
 
 
 def test_unknown_printed_tableau_is_an_error():
     with pytest.raises(ValueError, match=r"'rk7'.*'rk5', 'rk6', 'ndp5', 'ndp6'"):
-        tableaux.printed_fractions("rk7")
+        paper.printed_fractions("rk7")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from nodepy import rk, rt
 
 from armsim.methods import tableaux, trees
 from armsim.methods.tableaux import Tableau
+from armsim.paper import PRINTED
 
 ORDERS = {"EULER": 1, "RK4_GILL": 4, "RK5": 5, "RK6": 6, "DP5": 5, "DP4": 4}
 T = ()  # the tree of one node
@@ -111,9 +112,9 @@ def test_order_p_holds_and_order_p_plus_1_fails(name):
     assert any(c.residual != 0 for c in conditions if c.order == p + 1)
 
 
-@pytest.mark.parametrize("key", tableaux.PRINTED)
+@pytest.mark.parametrize("key", PRINTED)
 def test_as_printed_every_method_is_consistent_and_no_more(key):
-    assert trees.order(tableaux.PRINTED[key]) == 1
+    assert trees.order(PRINTED[key]) == 1
 
 
 @pytest.mark.parametrize("name", ["RK5", "RK6", "DP5", "DP4"])

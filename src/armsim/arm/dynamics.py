@@ -18,12 +18,12 @@ from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from armsim.arm.parameters import AxisParameters
+from armsim.machine_code import kept
 
 # Fused multiply-add is allowed, as in C compilers; nothing is reordered.
-_compiled = njit(cache=True, fastmath={"contract"}, error_model="numpy")
+_compiled = kept(fastmath={"contract"}, error_model="numpy")
 
 #: Value of `Region.friction` while static friction holds the arm at rest.
 STUCK = 2

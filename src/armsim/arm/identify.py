@@ -21,6 +21,7 @@ from armsim.arm.measurement import Instrument, Measurement, signals
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import simulate, simulate_many
 from armsim.arm.study import study
+from armsim.checks import checked_count
 from armsim.methods.tableaux import Tableau
 
 #: What is fitted unless `names` says otherwise.
@@ -246,8 +247,7 @@ def fit(
         raise ValueError(f"step_size = {step_size!r} is for a Runge-Kutta method; give one")
     if not measurement.set_velocity.any():
         raise ValueError("the set velocity is 0 V all the time: there is no motion to fit")
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise ValueError(f"starts = {starts!r} is not allowed; it must be at least 1")
+    checked_count("starts", starts)
     low, high = np.log(_bounds(axis, tuple(names), bounds or {})).T
     problem = Problem(measurement, axis, instrument, tuple(names), low, high, method, step_size)
     spread = qmc.LatinHypercube(len(low), seed=np.random.default_rng(seed)).random(starts - 1)
@@ -469,8 +469,7 @@ def bootstrap(
     StudyError
         If a refit fails.
     """
-    if isinstance(n, bool) or n < 2:
-        raise ValueError(f"n = {n!r} is not allowed; it must be at least 2")
+    checked_count("n", n, least=2)
     ideal = fit.problem.model([fit.logarithms])[0]
     # Bias and drift cancel in the residuals, so the records may go without.
     slopes = fit.problem.jacobian(fit.logarithms)  # of every record alike

@@ -2,11 +2,9 @@
 
 import csv
 import dataclasses
-import difflib
-import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,7 @@ import numpy as np
 
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import Schedule
+from armsim.checks import checked_number, hint
 
 #: Columns of a record, in the order of `Measurement`, with the unit of each.
 COLUMNS = {
@@ -112,10 +111,7 @@ class Instrument:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise TypeError(f"{name} = {value!r}: a number is needed")
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} = {value!r} is not allowed; it must be positive")
+            checked_number(name, value, above=0.0)
 
     @property
     def deviations(self) -> np.ndarray:
@@ -234,7 +230,7 @@ def _order(header: Sequence[str], where: str) -> dict[str, int]:
         name = heading["name"] if heading else cell
         unit = ((heading and heading["unit"]) or "").replace("²", "^2")
         if name not in COLUMNS:
-            raise FileError(f"{where}: no column {name!r} is known;{_hint(name, COLUMNS)}")
+            raise FileError(f"{where}: no column {name!r} is known; {hint(name, COLUMNS)}")
         if name in order:
             raise FileError(f"{where}: the column {name!r} stands there twice")
         if unit != COLUMNS[name]:
@@ -274,13 +270,6 @@ def _faults(columns: np.ndarray) -> Iterator[tuple[int | None, str]]:
             f"time = {t[n + 1]} is {step[n]:.6g} s after the sample before; the others are "
             f"{interval:.6g} s apart, and the sampling has to be even",
         )
-
-
-def _hint(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name.lower(), {item.lower(): item for item in known}, n=1)
-    by_case = {item.lower(): item for item in known}
-    mean = f" did you mean {by_case[near[0]]!r}?" if near else ""
-    return f"{mean} allowed are {', '.join(known)}"
 
 
 # --- axes ---------------------------------------------------------------------------------------
@@ -326,7 +315,7 @@ def _check_names(
 ) -> None:
     for name in given:
         if name not in known:
-            raise FileError(f"{where} {name!r} is not known;{_hint(name, known)}")
+            raise FileError(f"{where} {name!r} is not known; {hint(name, known)}")
     missing = [name for name in known if name not in given and name not in optional]
     if missing:
         raise FileError(f"{where} {', '.join(missing)} missing")

@@ -1,23 +1,14 @@
 """The parameters of one axis: symbols, values, units and where each value comes from."""
 
 import dataclasses
-import difflib
-import math
-import re
-import tomllib
 from dataclasses import dataclass, field
-from numbers import Real
 from typing import Any, Self
 
-from armsim.paths import DATA
+from armsim.checks import checked_number, hint
+from armsim.paper import TABLES, printed_value
 
 #: Source of a value that the paper does not give.
 OUR_CHOICE = "our choice"
-
-#: Tables 1 to 5 as the paper prints them, one list of rows a table.
-PAPER_TABLES: dict[str, list[dict[str, str]]] = tomllib.loads(
-    (DATA / "paper" / "tables.toml").read_text(encoding="utf-8")
-)
 
 _SET_VELOCITY = 10.0  # V: the paper sets K_1 so that this voltage …
 _VELOCITY = 1.0  # m/s: … gives this speed
@@ -121,7 +112,7 @@ class AxisParameters:
         if fit not in ("ndp", "rk6"):
             raise ValueError(f"fit {fit!r}: not a column of Table 5; allowed are 'ndp' and 'rk6'")
         _check_names(cls, changes)
-        rows = [*PAPER_TABLES["table3"], *PAPER_TABLES["table4"], *PAPER_TABLES["table5"]]
+        rows = [*TABLES["table3"], *TABLES["table4"], *TABLES["table5"]]
         values = {
             row["field"]: printed_value(row.get(fit) or row["value"])
             for row in rows
@@ -150,15 +141,6 @@ class AxisParameters:
         return type(self)(**(values | changes))
 
 
-def printed_value(text: str) -> float:
-    """Return the number of a table entry such as ``"0.56 ohms"``; of a range, its upper end.
-
-    The upper end is what the paper's procedure sets `K_2` to (Section 4: "at its maximum").
-    """
-    text = re.sub(r"\s*\\cdot\s*10\^", "e", text)
-    return float(re.findall(r"\d+(?:\.\d+)?(?:e\d+)?", text.partition("²")[0])[text.count(" to ")])
-
-
 def _gain_for_set_velocity(p: AxisParameters) -> float:
     """Gain K_1 that makes 10 V give exactly 1 m/s in the steady state of eq. (10)-(14)."""
     motor_velocity = _VELOCITY / p.r_g
@@ -168,46 +150,8 @@ def _gain_for_set_velocity(p: AxisParameters) -> float:
     return (preamplifier_output + p.K_2 * p.K_t * motor_velocity) / _SET_VELOCITY
 
 
-def checked_number(
-    name: str, value: object, *, above: float = -math.inf, zero: bool = False
-) -> float:
-    """Return a value as float if it is a finite real number.
-
-    Parameters
-    ----------
-    name : str
-        What the value is, for the message.
-    value : object
-        The value; a bool and a string are no numbers.
-    above : float
-        0.0 if it has to be positive.
-    zero : bool
-        Whether zero is allowed as well.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the value is not as above; the message says what is allowed.
-    """
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
-    try:
-        number = float(value)
-    except OverflowError:  # a huge integer
-        number = math.inf
-    if not math.isfinite(number) or number < above or (number == above and not zero):
-        allowed = "" if above == -math.inf else " and not negative" if zero else " and positive"
-        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite{allowed}")
-    return number
-
-
 def _check_names(cls: type, changes: dict[str, Any]) -> None:
     known = [item.name for item in dataclasses.fields(cls)]
     for name, value in changes.items():
         if name not in known:
-            by_case = {item.lower(): item for item in known}
-            near = difflib.get_close_matches(str(name).lower(), by_case, n=1, cutoff=0.5)
-            hint = f" Did you mean {by_case[near[0]]}?" if near else ""
-            raise ValueError(
-                f"{name} = {value!r}: no such parameter.{hint} Allowed are {', '.join(known)}"
-            )
+            raise ValueError(f"{name} = {value!r}: no such parameter; {hint(name, known)}")

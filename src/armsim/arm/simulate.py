@@ -12,12 +12,13 @@ from numbers import Real
 
 import numpy as np
 
-from armsim.arm import switching
+from armsim.arm import modes
 from armsim.arm.dynamics import Region, auxiliary_variables, constants, region, rhs
-from armsim.arm.parameters import AxisParameters, checked_number
+from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
-from armsim.methods.piecewise_affine import Event, ExactSolution, Record, require_finished
-from armsim.methods.runge_kutta import Form, IntegrationError, integrate
+from armsim.checks import IntegrationError, checked_count, checked_number
+from armsim.exact.piecewise_affine import Event, ExactSolution, Record, require_finished
+from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
 
 #: Volts, or the volts from each time on.
@@ -166,7 +167,7 @@ def simulate(
         Slave control unit that closes the loop. What it has put out is the run's `schedule`.
     method : Tableau, optional
         Runge-Kutta method. Left out, the run is exact up to rounding: linear pieces are solved in
-        closed form from event to event, see `armsim.methods.piecewise_affine`.
+        closed form from event to event, see `armsim.exact.piecewise_affine`.
     step_size : float, optional
         Fixed step in s of a Runge-Kutta method; left out, one with embedded weights chooses it.
     form : {"additive", "exponential"}
@@ -249,8 +250,8 @@ def simulate_many(
     at = np.array([t_end] if times is None else times, dtype=float)
     if at.ndim != 1 or not ((at >= 0) & (at <= t_end)).all():
         raise ValueError(f"times = {times!r}: a row of numbers from 0 to t_end = {t_end} is needed")
-    if threads is not None and (isinstance(threads, bool) or threads < 1):
-        raise ValueError(f"threads = {threads!r} is not allowed; it must be at least 1")
+    if threads is not None:
+        checked_count("threads", threads)
     y = np.empty((len(axes), 7, at.size))
 
     def work(first: int) -> None:
@@ -272,7 +273,7 @@ def simulate_many(
 
 
 #: Of modes and guards, for events and errors.
-_TO_NAMES = switching.region_of, Region._fields.__getitem__
+_TO_NAMES = modes.region_of, Region._fields.__getitem__
 
 
 def _exact(
@@ -287,7 +288,7 @@ def _exact(
 
 def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
     y = np.empty((7, times.size))
-    switching.states(record, times, numbers, y)
+    modes.states(record, times, numbers, y)
     return y
 
 
@@ -301,11 +302,11 @@ def _ready_to_run() -> Callable[..., Record]:
     try:
         numbers = np.array(constants(AxisParameters.paper_x_axis()))
         given = _Inputs(np.zeros(1), np.zeros(1)).arrays
-        record = switching.run(numbers, *given, 1e-9, np.zeros(7), (MAX_EVENTS, MAX_PIECES))
+        record = modes.run(numbers, *given, 1e-9, np.zeros(7), (MAX_EVENTS, MAX_PIECES))
         _states(numbers, record, np.zeros(1))
     finally:
         timer.cancel()
-    return switching.run
+    return modes.run
 
 
 def _runge_kutta(
@@ -395,9 +396,7 @@ def _checked(
     t_end: float,
     y0: Sequence[float] | np.ndarray | None,
 ) -> tuple[_Inputs, float, np.ndarray]:
-    t_end = checked_number("t_end", t_end)
-    if t_end <= 0:
-        raise ValueError(f"t_end = {t_end} is not allowed; it must be positive")
+    t_end = checked_number("t_end", t_end, above=0.0)
     inputs = _checked_inputs(set_velocity, control, t_end)
     state = np.zeros(7) if y0 is None else np.array(y0, dtype=float)
     if state.shape != (7,):

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from armsim.arm.parameters import checked_number
+from armsim.checks import checked_number
 
 _compiled = njit(error_model="numpy", nogil=True)
 

@@ -48,7 +48,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armsim.methods import trees
-from armsim.methods.tableaux import Tableau, printed_fractions
+from armsim.methods.tableaux import Tableau
 
 Pair = tuple[int, int]
 
@@ -101,16 +101,16 @@ class Errata:
         return prod(self.candidates)
 
 
-def search(source: str | Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
+def search(source: Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
     """Find every tableau near a printed one that reaches the highest order.
 
     Parameters
     ----------
-    source : {"rk5", "rk6", "ndp5", "ndp6"} or (s + 1) rows of s pairs
-        A method of the paper, or the rows of A and, last, the weights, as unreduced
-        ``(numerator, denominator)``; ``(0, 1)`` for a coefficient that is not printed.
+    source : (s + 1) rows of s pairs
+        The rows of A and, last, the weights, as unreduced ``(numerator, denominator)``; ``(0, 1)``
+        for a coefficient that is not printed. `armsim.paper.printed_fractions` has the paper's.
     name : str
-        Name of the method, if `source` is not a key.
+        Name of the method.
 
     Returns
     -------
@@ -120,14 +120,11 @@ def search(source: str | Sequence[Sequence[Pair]], name: str = "tableau") -> Err
     Raises
     ------
     ValueError
-        If the key is unknown, the tableau is not explicit or has rows of unequal length, the
+        If the tableau is not explicit or has rows of unequal length, the
         stages are not 2 to 8, a number is no integer, or a denominator is not within 1 and
         9999999.
     """
-    if isinstance(source, str):
-        name, rows = source, printed_fractions(source)
-    else:
-        rows = [list(row) for row in source]
+    rows = [list(row) for row in source]
     _check(rows)
     printed = _tableau(name, rows)
     before = after = trees.order(printed)

@@ -6,19 +6,15 @@ single array, for any right-hand side, and a state unrolled into scalars, where 
 its right-hand side inlined becomes machine code.
 """
 
-import hashlib
-import inspect
-import os
 import re
-import sys
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from armsim import machine_code
+from armsim.machine_code import label
 from armsim.methods.tableaux import Tableau
 
 
@@ -207,34 +203,6 @@ def compiled_loop(
 ) -> Callable:
     """Machine code of the loop around a compiled `fun`, kept on disk where that is possible."""
     source = _source(tableau, size, form, adaptive)
-    namespace: dict[str, Any] = _NAMES | {"fun": fun, "__name__": __name__}
-    file = _source_file(source, fun)
-    exec(compile(source, file or "<generated>", "exec"), namespace)
-    decorate = njit(cache=file is not None, fastmath={"contract"}, error_model="numpy")
-    return decorate(namespace["loop"])
-
-
-def _source_file(source: str, fun: Any) -> str | None:
-    """File that holds generated source, so that numba keeps its machine code between runs.
-
-    Its name is a digest of the source and of the module that `fun` comes from: a change of either
-    makes a new file. A function that cannot be imported again, or a folder that cannot be
-    written, means no file and a compilation in every process.
-    """
-    module = sys.modules.get(fun.py_func.__module__)
-    name = fun.py_func.__qualname__
-    if module is None or module.__name__ == "__main__" or getattr(module, name, None) is not fun:
-        return None
-    try:
-        origin = Path(inspect.getfile(module)).read_bytes()
-        key = b"\0".join([source.encode(), module.__name__.encode(), name.encode(), origin])
-        folder = Path(__file__).parent / "__pycache__"
-        file = folder / f"loop_{hashlib.sha256(key).hexdigest()[:16]}.py"
-        if not file.exists():
-            folder.mkdir(exist_ok=True)
-            draft = file.with_suffix(f".{os.getpid()}")
-            draft.write_text(f"# {module.__name__}.{name}\n{source}", encoding="utf-8")
-            draft.replace(file)
-    except (OSError, TypeError):
-        return None
-    return str(file)
+    return machine_code.generated(
+        source, label(fun), _NAMES | {"fun": fun}, fastmath={"contract"}, error_model="numpy"
+    )

@@ -4,13 +4,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
 from numba.core.errors import TypingError
 from numba.extending import is_jitted
 
+from armsim.checks import IntegrationError, checked_number
 from armsim.methods import trees
 from armsim.methods.loops import FORMS, compiled_loop, python_loop
 from armsim.methods.tableaux import Tableau
@@ -24,10 +24,6 @@ MAX_STORED = 2**29
 _UNROLLED = 16
 #: Steps that an adaptive loop takes before its results are put away.
 _CHUNK = 256
-
-
-class IntegrationError(ArithmeticError):
-    """The solution could not be continued."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +124,7 @@ def integrate(
     s = _checked_shift(shift, y0, form)
     if step_size is None:
         return _adaptive(fun, (start, end), y0, tableau, form, args, s, rtol, atol)
-    require_positive("step_size", step_size)
+    checked_number("step_size", step_size, above=0.0)
     steps = abs(end - start) / step_size - 1e-9
     if (steps + 1) * (y0.size + 1) > MAX_STORED:
         raise ValueError(
@@ -166,7 +162,7 @@ def _adaptive(
         raise ValueError(
             f"step_size is missing, and {tableau.name} has no embedded weights to control it with"
         )
-    require_positive("rtol", rtol)
+    checked_number("rtol", rtol, above=0.0)
     atol = np.broadcast_to(np.asarray(atol, dtype=float), y0.shape).copy()
     if not (np.isfinite(atol).all() and (atol >= 0).all()):
         raise ValueError(f"atol = {atol}: every component must be finite and not negative")
@@ -299,13 +295,6 @@ def _checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
             "y0 + shift > 0 in every component, since it takes its logarithm"
         )
     return s
-
-
-def require_positive(name: str, value: Any) -> None:
-    """Raise ValueError unless a value is a finite positive real number."""
-    real = isinstance(value, Real) and not isinstance(value, bool)
-    if not (real and math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} = {value!r} is not allowed; it must be finite and positive")
 
 
 def _raise_if_lost(t: np.ndarray, y: np.ndarray, s: np.ndarray, form: str, method: str) -> None:

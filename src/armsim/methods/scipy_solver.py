@@ -7,7 +7,8 @@ import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 from scipy.interpolate import CubicHermiteSpline
 
-from armsim.methods.runge_kutta import IntegrationError, integrate, require_positive
+from armsim.checks import IntegrationError, checked_number
+from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
 
 
@@ -23,9 +24,34 @@ class _Hermite(DenseOutput):
         return self._spline(t).T
 
 
-def fixed_step_solver(tableau: Tableau, step_size: float, form: Any, shift: Any) -> type[OdeSolver]:
-    """Make the class; see `Tableau.solver`."""
-    require_positive("step_size", step_size)
+def fixed_step_solver(
+    tableau: Tableau, step_size: float, form: Form = "additive", shift: Any = None
+) -> type[OdeSolver]:
+    """Fixed-step solver class for the `method` argument of `scipy.integrate.solve_ivp`.
+
+    Parameters
+    ----------
+    tableau : Tableau
+        The method.
+    step_size : float
+        Positive; the last step is shortened to end at the end of the interval.
+    form, shift
+        As in `armsim.methods.integrate`.
+
+    Returns
+    -------
+    subclass of scipy.integrate.OdeSolver
+
+    Examples
+    --------
+    >>> from scipy.integrate import solve_ivp
+    >>> from armsim.methods import tableaux
+    >>> rk6 = fixed_step_solver(tableaux.RK6, step_size=0.1)
+    >>> run = solve_ivp(lambda t, y: [y[1], -y[0]], (0, 3), [0, 1], method=rk6)
+    >>> print(f"{run.y[0, -1]:.6f} after {run.nfev} evaluations")
+    0.141120 after 210 evaluations
+    """
+    checked_number("step_size", step_size, above=0.0)
 
     class FixedStep(OdeSolver):
         """Fixed steps with one tableau, between them a cubic Hermite polynomial."""

@@ -1,4 +1,4 @@
-"""Butcher tableaux in exact numbers: the methods of the paper, corrected and as printed.
+"""Butcher tableaux in exact numbers: the methods of the paper, with its misprints corrected.
 
 A tableau is written once, as text, and everything else (nodes, stage count, whether the last
 stage can be reused, floats, compiled code) derives from it.
@@ -6,19 +6,11 @@ stage can be reused, floats, compiled code) derives from it.
 
 from __future__ import annotations
 
-import re
-import tomllib
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy
-
-from armsim.paths import DATA
-
-if TYPE_CHECKING:
-    from scipy.integrate import OdeSolver
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,35 +107,6 @@ class Tableau:
             if self.b[i] != 0 or any(self.A[k, i] != 0 for k in needed):
                 needed.add(i)
         return tuple(sorted(needed))
-
-    def solver(
-        self, step_size: float, form: str = "additive", shift: Any = None
-    ) -> type[OdeSolver]:
-        """Fixed-step solver class for the `method` argument of `scipy.integrate.solve_ivp`.
-
-        Parameters
-        ----------
-        step_size : float
-            Positive; the last step is shortened to end at the end of the interval.
-        form, shift
-            As in `armsim.methods.integrate`.
-
-        Returns
-        -------
-        subclass of scipy.integrate.OdeSolver
-
-        Examples
-        --------
-        >>> from scipy.integrate import solve_ivp
-        >>> from armsim.methods import tableaux
-        >>> rk6 = tableaux.RK6.solver(step_size=0.1)
-        >>> run = solve_ivp(lambda t, y: [y[1], -y[0]], (0, 3), [0, 1], method=rk6)
-        >>> print(f"{run.y[0, -1]:.6f} after {run.nfev} evaluations")
-        0.141120 after 210 evaluations
-        """
-        from armsim.methods.scipy_solver import fixed_step_solver
-
-        return fixed_step_solver(self, step_size, form, shift)
 
     def exponentials(self, product: bool = False) -> int:
         """Count the exponentials of one component in a step of the exponential form.
@@ -258,58 +221,3 @@ DP5 = Tableau(
 )
 #: The embedded weights of the same pair, which the paper takes for a sixth-order method.
 DP4 = Tableau("DP4", _DP_ROWS, _DP_FOURTH, reference=_DP_REFERENCE)
-
-
-# --- as printed -------------------------------------------------------------------------------
-
-
-def _terms(formula: str) -> dict[int, tuple[int, int]]:
-    """Numerators and denominators, not reduced, of k_1, k_2, … in a formula of the paper.
-
-    Brackets and the exponentials around single terms are passed over, because the paper
-    misplaces both; what is left is a sum of terms ``sign fraction k_j``.
-    """
-    text = re.sub(r"\^\{?ij?\}?|\\left|\\right|\\exp|[()\[\]\s]", "", formula.partition("=")[2])
-    text = re.sub(r"\\frac\{(k_\d)\}\{(\d+)\}", r"\\frac{1}{\2}\1", text)
-    common = 1
-    if factor := re.search(r"\\frac\{1\}\{(\d+)\}(?=\d+k)", text):  # 1/90 [7 k_1 + …]
-        common = int(factor[1])
-        text = text.replace(factor[0], "")
-    found = {}
-    term = re.compile(r"([+-]?)(?:\\frac\{(-?\d+)\}\{(\d+)\}|(\d+)|)k_(\d)")
-    for sign, numerator, denominator, integer, stage in term.findall(text):
-        value = int(numerator or integer or 1) * (-1 if sign == "-" else 1)
-        found[int(stage)] = (value, common * int(denominator or 1))
-    return found
-
-
-def printed_fractions(key: str) -> list[list[tuple[int, int]]]:
-    """Rows of A and, last, of b as ``(numerator, denominator)``, just as the paper prints them.
-
-    Parameters
-    ----------
-    key : {"rk5", "rk6", "ndp5", "ndp6"}
-        Which of the paper's methods.
-
-    Returns
-    -------
-    list of s + 1 rows of s pairs
-        A coefficient that is not printed is ``(0, 1)``.
-    """
-    if key not in _PAPER:
-        raise ValueError(f"printed tableau {key!r}: not in the paper; it prints {list(_PAPER)}")
-    formulas = [*_PAPER[key]["stages"], _PAPER[key]["weights"]]
-    rows = [_terms(formula) for formula in formulas]
-    return [[row.get(j, (0, 1)) for j in range(1, len(formulas))] for row in rows]
-
-
-def _as_printed(key: str) -> Tableau:
-    *A, b = [[sympy.Rational(*pair) for pair in row] for row in printed_fractions(key)]
-    name, where = _PAPER[key]["name"], _PAPER[key]["equations"]
-    return Tableau(f"{name}, as printed", A, b, reference=f"the paper, eq. {where}")
-
-
-_PAPER = tomllib.loads((DATA / "paper" / "tableaux.toml").read_text(encoding="utf-8"))
-
-#: The four tableaux of the paper's eq. (10)-(16): ``"rk5"``, ``"rk6"``, ``"ndp5"``, ``"ndp6"``.
-PRINTED = {key: _as_printed(key) for key in _PAPER}

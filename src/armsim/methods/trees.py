@@ -174,8 +174,8 @@ def order(tableau: Tableau) -> int:
     Examples
     --------
     >>> from armsim.methods import tableaux
-    >>> order(tableaux.RK6), order(tableaux.PRINTED["rk6"])
-    (6, 1)
+    >>> order(tableaux.RK6), order(tableaux.DP4)
+    (6, 4)
     """
     method = _Method(tableau)
     # An explicit method of s stages fails for the tall tree of s + 1 nodes, so this ends.

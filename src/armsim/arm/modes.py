@@ -1,0 +1,212 @@
+"""The arm as a piecewise-affine system, for `armsim.exact.piecewise_affine`.
+
+The equations of a mode are those of `dynamics.derivative` in a region, read off on the unit
+vectors. The coordinates are (y0, x, y1, y3, y4, y5, y6): the difference x = r_g y2 - y0 between
+pinion and rack, paper's eq. (13), is a state of its own, so that its 1e-5 m are not lost in the
+difference of two metres; and y0, on which nothing depends, is a mere integral.
+
+Where the paper's eq. (15) leaves the motion open, it is taken as follows. At y1 = 0 the arm sticks
+while |f_g| ≤ F_0, and else moves in the direction of f_g. At y1 = ±v_s it passes; where both sides
+lead away from there, a motion stays on its side, and one that starts there gains speed. With F_0 or
+v_s zero there is no static friction. With H = 0 the gear's flanks are one, called +1.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from armsim.arm.dynamics import (
+    STUCK,
+    Constants,
+    Region,
+    derivative,
+    gear_force,
+    motor_voltage,
+    preamplifier_output,
+    region,
+)
+from armsim.arm.slave_control import MEMORY, Law, put_out
+from armsim.exact import piecewise_affine
+from armsim.exact.modal import OPTIONS, compiled
+from armsim.machine_code import kept
+
+_SIZE = len(Constants._fields)
+_OFFSETS = tuple(Constants._fields.index(name) for name in ("V_L", "V_M", "H", "F_0"))
+#: Four guards, as the fields of `Region`; 2⁴ matrices, since the signs of branches do not matter.
+_SIZES = (4, 16)
+#: `Region.friction` by range of speed: fast and slow backwards, at rest, slow and fast forwards
+_FRICTION = (0, -1, STUCK, 1, 0)
+_REST, _FAST = 2, 4
+
+
+@compiled
+def _named(numbers):
+    return Constants(*to_fixed_tuple(numbers, _SIZE))
+
+
+@compiled
+def _mode(where, speed):
+    return ((where.preamplifier + 1) * 9 + (where.power + 1) * 3 + where.contact + 1) * 5 + speed
+
+
+@compiled
+def _region(mode):
+    return Region(mode // 45 - 1, mode // 15 % 3 - 1, mode // 5 % 3 - 1, _FRICTION[mode % 5])
+
+
+def region_of(mode: int) -> Region:
+    """Region of a mode."""
+    return _region.py_func(mode)
+
+
+@compiled
+def _paper(z, k):
+    """State y0 … y6, pinion and rack moved to where y0 = 0: nothing depends on the position."""
+    return 0.0, z[2], z[1] / k.r_g, z[3], z[4], z[5], z[6]
+
+
+@compiled
+def _set_slope(slope, k, out):
+    out[0], out[1] = slope[0], k.r_g * slope[2] - slope[0]
+    out[2], out[3], out[4], out[5], out[6] = slope[1], slope[3], slope[4], slope[5], slope[6]
+
+
+@compiled
+def _signals(z, where, k):
+    """What decides on the branches: v_c and v_m before their limits, and f_g."""
+    y = _paper(z, k)
+    v_c = preamplifier_output(y, k, where.preamplifier)
+    v_m = motor_voltage(y, k, v_c, 0)
+    return preamplifier_output(y, k, 0), v_m, gear_force(y, k, where.contact)
+
+
+@compiled
+def _range(branch, limit):
+    """Range of a signal in a branch: beyond the limit on either side, or between."""
+    if branch == 0:
+        return -limit, limit
+    return (limit, np.inf) if branch > 0 else (-np.inf, -limit)
+
+
+@compiled
+def _speed_range(speed, k):
+    if k.F_0 == 0.0 or k.v_s == 0.0:
+        return -np.inf, np.inf
+    if speed > _REST:
+        return (k.v_s, np.inf) if speed == _FAST else (0.0, k.v_s)
+    return (-np.inf, -k.v_s) if speed == 0 else (-k.v_s, 0.0)
+
+
+@compiled
+def equations(mode, volts, numbers, out):
+    """Fill in a mode; see `piecewise_affine.System`."""
+    A, b, normal, lower, upper = out
+    k, offsets = _named(numbers), numbers.copy()
+    for i in _OFFSETS:
+        offsets[i] = 0.0
+    linear = _named(offsets)  # leaves no offset to subtract
+    where, speed = _region(mode), mode % 5
+    z, normal[:] = np.zeros(7), 0.0
+    for j in range(7):
+        z[j] = 1.0
+        _set_slope(derivative(_paper(z, k), 0.0, linear, where), k, A[:, j])
+        normal[0, j], normal[1, j], normal[3, j] = _signals(z, where, linear)
+        z[j] = 0.0
+    _set_slope(derivative(_paper(z, k), volts, k, where), k, b)
+    _, v_m, f_g = _signals(z, where, k)
+    normal[2, 1] = 1.0
+    lower[0], upper[0] = _range(where.preamplifier, k.V_L)
+    lower[1], upper[1] = _range(where.power, k.V_M)
+    lower[2], upper[2] = _range(where.contact, k.H) if k.H > 0.0 else (-np.inf, np.inf)
+    lower[1] -= v_m
+    upper[1] -= v_m
+    if speed == _REST:  # y1 is zero and stays so
+        A[2, :] = A[:, 2] = normal[3, 2] = b[2] = 0.0
+        lower[3], upper[3] = -k.F_0 - f_g, k.F_0 - f_g
+    else:
+        normal[3, :] = 0.0
+        normal[3, 2] = 1.0
+        lower[3], upper[3] = _speed_range(speed, k)
+
+
+@compiled
+def successor(mode, guard, side, z, numbers):
+    """Return the mode after a guard has left; see `piecewise_affine.System`."""
+    if guard < 3:
+        return mode + side * (45, 15, 5)[guard]
+    speed = mode % 5
+    if speed == _REST or speed + side == _REST:
+        z[2] = 0.0
+    if speed + side == _REST:
+        k = _named(numbers)
+        if side * gear_force(_paper(z, k), k, _region(mode).contact) > k.F_0:
+            return mode + 2 * side  # too strong to be held: the arm turns round without rest
+    return mode + side
+
+
+class Inputs(NamedTuple):
+    """Set velocity, as given or as the slave control unit puts it out."""
+
+    volts: np.ndarray  #: (j,) from each time on; the unit fills them in
+    track: np.ndarray  #: (j, 2) position in m and speed in m/s at the unit's samples; or (0, 2)
+    law: Law
+    memory: np.ndarray  #: of the unit
+
+
+@compiled
+def hold(interval, z, inputs, numbers):
+    """Return the set velocity in an interval; see `piecewise_affine.solve`."""
+    if inputs.track.shape[0] == 0:
+        return inputs.volts[interval]
+    r_g, track, law = _named(numbers).r_g, inputs.track, inputs.law
+    angle = (z[1] + z[0]) / r_g
+    return put_out(interval, angle, r_g, track, law, inputs.memory, inputs.volts)
+
+
+@compiled
+def start(y, numbers):
+    """State and mode at a start `y` (7,), the paper's y0 … y6."""
+    k = _named(numbers)
+    z = np.array([y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]])
+    where = region(_paper(z, k), k)
+    if k.H == 0.0:
+        where = Region(where.preamplifier, where.power, 1, where.friction)
+    if k.F_0 == 0.0 or k.v_s == 0.0:
+        return z, _mode(where, _FAST)
+    if where.friction != 0:
+        return z, _mode(where, _REST + where.friction)
+    if z[2] != 0.0:
+        return z, _mode(where, _FAST if z[2] > 0.0 else 0)
+    f_g = gear_force(_paper(z, k), k, where.contact)
+    return z, _mode(where, _REST + (1 if f_g > k.F_0 else -1 if f_g < -k.F_0 else 0))
+
+
+# --- what is called from Python -----------------------------------------------------------------
+
+_kept = kept(**OPTIONS)
+
+
+@_kept
+def run(numbers, starts, volts, track, law, t_end, y0, limits):
+    """Run an axis from `y0` (7,) with `volts` (j,) from the times `starts` (j,) on.
+
+    If a `track` (j, 2) is given, they are filled in by the slave control unit with its `law`.
+    `numbers` (22,) are `dynamics.constants`, `limits` the largest numbers of events and pieces.
+    Returns a `piecewise_affine.Record`.
+    """
+    z, mode = start(y0, numbers)
+    inputs = Inputs(volts, track, law, np.zeros(MEMORY))
+    return piecewise_affine.solve(
+        equations, successor, hold, numbers, starts, inputs, t_end, z, mode, _SIZES, limits
+    )
+
+
+@_kept
+def states(record, times, numbers, y):
+    """Set `y` (7, n) to the states y0 … y6 of a run at `times` (n,)."""
+    piecewise_affine.sample(record, times, y)
+    r_g = _named(numbers).r_g
+    for j in range(times.size):
+        x, y[1, j] = y[1, j], y[2, j]
+        y[2, j] = (x + y[0, j]) / r_g

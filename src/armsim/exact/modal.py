@@ -1,0 +1,425 @@
+"""A linear system with constant input, ż = A z + b, in closed form: by its modes or its series.
+
+What the state gains from a start on is a sum over the eigenvalues λ of A, of terms that vanish with
+the time, so that no digits cancel however short it is. Where eigenvectors are too close to
+dependent, or not worth their cost, the Taylor series takes their place for a while. Everything is
+compiled, and made for matrices of some ten rows.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+import math
+from typing import Any, NamedTuple
+
+import llvmlite.binding  # type: ignore[import-untyped]
+import numpy as np
+from numba import njit, types
+from numba.extending import get_cython_function_address
+
+OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
+compiled = njit(**OPTIONS)
+#: For what is small, or called from several places.
+inlined = njit(forceinline=True, **OPTIONS)
+#: For what is called from one place: part of its caller, not optimised on its own before.
+merged = njit(inline="always", **OPTIONS)
+
+#: Largest entry of the inverse of the eigenvectors with which the modal form is used.
+WELL_CONDITIONED = 1e5
+#: Terms of the Taylor series; while ‖A‖u ≤ 1 the next one is below rounding.
+TERMS = 19
+
+UNKNOWN, DEFECTIVE = -2, -1
+
+
+class Matrices(NamedTuple):
+    """Matrices of n rows and what is known of them; room for k."""
+
+    A: np.ndarray  #: (k, n, n)
+    unit: np.ndarray  #: (k, n) units of the states that balance it; 0 where no derivative feels one
+    reach: np.ndarray  #: (k,) how far the Taylor series goes, in these units
+    modes: np.ndarray  #: (k,) number of modes kept; or `UNKNOWN`, `DEFECTIVE`
+    rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair the one with positive part
+    inverse: np.ndarray  #: (k, n) complex 1/λ
+    speed: np.ndarray  #: (k, n) |λ|
+    column: np.ndarray  #: (k, n, n) complex: from amplitudes to states, doubled for a pair
+    row: np.ndarray  #: (k, n, n) complex: from slopes to amplitudes
+
+
+@compiled
+def room_for(k, n):
+    """Room for `k` matrices of `n` rows."""
+    number = np.complex128
+    return Matrices(
+        np.empty((k, n, n)),
+        np.empty((k, n)),
+        np.empty(k),
+        np.empty(k, np.int64),
+        np.empty((k, n), number),
+        np.empty((k, n), number),
+        np.empty((k, n)),
+        np.empty((k, n, n), number),
+        np.empty((k, n, n), number),
+    )
+
+
+# --- a matrix: units, eigenvectors ------------------------------------------------------------
+
+
+@compiled
+def _balance(A, unit):
+    """Find units of the states, powers of two, that make rows and columns of `A` alike in size.
+
+    A state that no derivative depends on is a mere integral of the others and gets the unit 0.
+    Returns the norm of the matrix of the others in these units.
+    """
+    n = unit.size
+    for j in range(n):
+        unit[j] = 0.0
+        for i in range(n):
+            if A[i, j] != 0.0:
+                unit[j] = 1.0
+    for _ in range(20):
+        changed = False
+        for i in range(n):
+            row = column = 0.0
+            for j in range(n):
+                if j != i and unit[i] * unit[j] > 0.0:
+                    row += abs(A[i, j]) * unit[j]
+                    column += abs(A[j, i]) / unit[j]
+            if row > 0.0 and column > 0.0:
+                power = round(0.5 * math.log2(row / column))
+                better = math.ldexp(1.0, min(max(power, -300), 300))
+                changed = changed or better != unit[i]
+                unit[i] = better
+        if not changed:
+            break
+    norm = 0.0
+    for j in range(n):
+        total = 0.0
+        for i in range(n):
+            if unit[i] > 0.0:
+                total += abs(A[i, j]) * unit[j] / unit[i]
+        norm = max(norm, total)
+    return norm
+
+
+@compiled
+def find(A, m, count):
+    """Place of `A` among the first `count` matrices; it is added if new; -1 if there is no room."""
+    n = A.shape[0]
+    for place in range(count):
+        same = True
+        for i in range(n):
+            for j in range(n):
+                same = same and m.A[place, i, j] == A[i, j]
+        if same:
+            return place
+    if count == m.reach.size:
+        return -1
+    for i in range(n):
+        for j in range(n):
+            m.A[count, i, j] = A[i, j]
+    m.reach[count] = 1.0 / _balance(A, m.unit[count])
+    m.modes[count] = UNKNOWN
+    return count
+
+
+@compiled
+def _size(z):
+    """Square of the modulus, which needs no root."""
+    return z.real * z.real + z.imag * z.imag
+
+
+@compiled
+def _invert(V, W):
+    """Set `W` to the inverse of `V`, which is destroyed; return its largest entry squared."""
+    n = V.shape[0]
+    for i in range(n):
+        for j in range(n):
+            W[i, j] = 1.0 if i == j else 0.0
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if _size(V[i, k]) > _size(V[pivot, k]):
+                pivot = i
+        if V[pivot, k] == 0.0:
+            return math.inf
+        for j in range(n):
+            V[k, j], V[pivot, j] = V[pivot, j], V[k, j]
+            W[k, j], W[pivot, j] = W[pivot, j], W[k, j]
+        factor = 1.0 / V[k, k]
+        for j in range(n):
+            V[k, j] *= factor
+            W[k, j] *= factor
+        for i in range(n):
+            factor = V[i, k]
+            if i != k and factor != 0.0:
+                for j in range(n):
+                    V[i, j] -= factor * V[k, j]
+                    W[i, j] -= factor * W[k, j]
+    largest = 0.0
+    for i in range(n):
+        for j in range(n):
+            largest = max(largest, _size(W[i, j]))
+    return largest
+
+
+@compiled
+def _product(A, B):
+    """Product of two small matrices, which starts no library."""
+    product = np.zeros((A.shape[0], B.shape[1]), np.complex128)
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            if A[i, k] != 0.0:
+                for j in range(B.shape[1]):
+                    product[i, j] += A[i, k] * B[k, j]
+    return product
+
+
+@compiled
+def _indices(mask):
+    found, count = np.empty(mask.size, np.int64), 0
+    for i in range(mask.size):
+        if mask[i]:
+            found[count] = i
+            count += 1
+    return found[:count]
+
+
+@compiled
+def _part(C, rows, columns):
+    part = np.empty((rows.size, columns.size), np.complex128)
+    for i in range(rows.size):
+        for j in range(columns.size):
+            part[i, j] = C[rows[i], columns[j]]
+    return part
+
+
+# LAPACK's solver for real matrices, from SciPy. Numba's np.linalg.eig takes complex ones only where
+# eigenvalues are complex, at twice the cost.
+llvmlite.binding.add_symbol(
+    "armsim_dgeev", get_cython_function_address("scipy.linalg.cython_lapack", "dgeev")
+)
+_integers, _numbers = types.CPointer(types.int32), types.CPointer(types.float64)
+_dgeev = types.ExternalFunction(
+    "armsim_dgeev",
+    types.void(
+        *(_integers, _integers, _integers, _numbers, _integers, _numbers, _numbers),
+        *(_numbers, _integers, _numbers, _integers, _numbers, _integers, _integers),
+    ),
+)
+
+
+@compiled
+def eigen(A):
+    """Eigenvalues (n,) and eigenvectors (n, n) of a real matrix, both complex; and if it failed."""
+    n = A.shape[0]
+    # Two arrays for all that LAPACK reads and writes. Both are read after the call, for numba would
+    # free what is not. The letters N and V, no left but right eigenvectors, are first bytes.
+    whole = np.array([78, 86, n, 1, 8 * n, 0], np.int32)
+    left, right, size, one, length, info = 0, 1, 2, 3, 4, 5
+    real = np.empty(2 * n * n + 10 * n)
+    matrix, v, w = real, real[n * n :], real[2 * n * n :]
+    for i in range(n):
+        for j in range(n):
+            matrix[j * n + i] = A[i, j]
+    _dgeev(
+        whole[left:].ctypes, whole[right:].ctypes, whole[size:].ctypes, matrix.ctypes,
+        whole[size:].ctypes, w.ctypes, w[n:].ctypes, v.ctypes, whole[one:].ctypes, v.ctypes,
+        whole[size:].ctypes, w[2 * n :].ctypes, whole[length:].ctypes, whole[info:].ctypes,
+    )  # fmt: skip
+    rate, V = np.empty(n, np.complex128), np.empty((n, n), np.complex128)
+    for k in range(n):
+        rate[k] = complex(w[k], w[n + k])
+        first = k if w[n + k] >= 0.0 else k - 1  # a pair comes as real and imaginary part
+        for i in range(n):
+            imaginary = v[(first + 1) * n + i] if w[n + k] != 0.0 else 0.0
+            V[i, k] = complex(v[first * n + i], imaginary if w[n + k] >= 0.0 else -imaginary)
+    return rate, V, whole[info] != 0
+
+
+@compiled
+def _blockwise(C, rate, V):
+    """Eigenvalues and eigenvectors of `C`, block by block; return whether they could be found.
+
+    States that act on each other in a circle make a block. Its eigenvectors go on into the states
+    that it drives, where (C - λ) v vanishes as well. Blocks are cheaper and more exact than all.
+    """
+    n, done = C.shape[0], 0
+    acts = np.empty((n, n), np.bool_)  # acts[i, j]: j acts on i, in the end through others
+    for i in range(n):
+        for j in range(n):
+            acts[i, j], V[i, j] = i == j or C[i, j] != 0.0, 0.0
+    for k in range(n):
+        for i in range(n):
+            if acts[i, k]:
+                for j in range(n):
+                    acts[i, j] = acts[i, j] or acts[k, j]
+    for first in range(n):
+        block = _indices(acts[:, first] & acts[first, :])
+        if block[0] < first:
+            continue
+        driven = _indices(acts[:, first] & ~acts[first, :])
+        values, vectors, failed = eigen(_part(C, block, block).real)
+        if failed:
+            return False
+        drive = _product(_part(C, driven, block), vectors)
+        inverse = np.empty((driven.size, driven.size), np.complex128)
+        for k in range(block.size):
+            rate[done] = values[k]
+            for i in range(block.size):
+                V[block[i], done] = vectors[i, k]
+            if driven.size > 0:
+                rest = _part(C, driven, driven)
+                for i in range(driven.size):
+                    rest[i, i] -= values[k]
+                if _invert(rest, inverse) == math.inf:
+                    return False
+                for i in range(driven.size):
+                    for j in range(driven.size):
+                        V[driven[i], done] -= inverse[i, j] * drive[j, k]
+            largest = 0.0
+            for i in range(n):
+                largest = max(largest, _size(V[i, done]))
+            for i in range(n):
+                V[i, done] /= math.sqrt(largest)
+            done += 1
+    return True
+
+
+@compiled
+def decompose(m, place):
+    """Find the modal form of a matrix, or mark it as near-defective."""
+    A, unit, n = m.A[place], m.unit[place], m.unit.shape[1]
+    core = _indices(unit > 0.0)
+    size = core.size
+    C = np.empty((size, size), np.complex128)
+    V, W, rate = np.empty_like(C), np.empty_like(C), np.empty(size, np.complex128)
+    for i in range(size):
+        for j in range(size):
+            C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
+    m.modes[place] = DEFECTIVE
+    if not _blockwise(C, rate, V) or not _invert(V.copy(), W) < WELL_CONDITIONED**2:
+        return
+    # A Newton step. All eigenvalues come with the rounding error of the largest; W C V shows what
+    # each still lacks, and how much of the other eigenvectors each has in it.
+    D = _product(W, _product(C, V))
+    X, noise = np.zeros_like(D), 1e-13 / m.reach[place]
+    for i in range(size):
+        rate[i] = D[i, i]
+        for j in range(size):
+            gap = D[j, j] - D[i, i]
+            if _size(gap) > noise * noise and _size(D[i, j]) < 1e-6 * _size(gap):
+                X[i, j] = D[i, j] / gap
+    V += _product(V, X)
+    W -= _product(X, W)
+    kept = total = 0
+    for _ in range(size):
+        k = 0
+        for other in range(1, size):
+            if _size(rate[other]) < _size(rate[k]):
+                k = other
+        value, rate[k] = rate[k], math.inf
+        weight = 1  # 2 for a pair: real eigenvectors come real, others are not nearly so, being
+        for i in range(size):  # independent of their conjugates
+            weight = 2 if abs(V[i, k].imag) > 1e-7 else weight
+        if weight == 2 and value.imag < 0.0:
+            continue
+        value = value if weight == 2 else complex(value.real)
+        m.rate[place, kept] = value
+        m.inverse[place, kept] = 1.0 / value if value != 0.0 else value
+        m.speed[place, kept] = abs(value)
+        for i in range(n):
+            m.row[place, kept, i] = m.column[place, i, kept] = 0.0
+        for i in range(size):
+            m.row[place, kept, core[i]] = W[k, i] / unit[core[i]]
+            m.column[place, core[i], kept] = weight * V[i, k] * unit[core[i]]
+        for i in range(n):
+            if unit[i] == 0.0:  # an integral of the others: the amplitude in its second derivative
+                for j in core:
+                    m.column[place, i, kept] += A[i, j] * m.column[place, j, kept]
+        kept, total = kept + 1, total + weight
+    if total == size:
+        m.modes[place] = kept
+
+
+# --- a piece: its formula ---------------------------------------------------------------------
+
+
+@inlined
+def _integrals(x, t, inverse):
+    """Return (exp(x) - 1) t / x and (exp(x) - 1 - x) t² / x², and exp(x), for x = λt."""
+    if abs(x.real) + abs(x.imag) < 0.5:
+        series = 1.0 + x * (1 / 16)
+        for n in range(15, 2, -1):
+            series = 1.0 + x * (1.0 / n) * series
+        second = 0.5 * t * series
+        first = 1.0 + x / t * second
+        return 1.0 + x * first, t * first, t * second
+    power = np.exp(x)
+    first = (power - 1.0) * inverse
+    return power, first, (first - t) * inverse
+
+
+@inlined
+def integrals(rate, inverse, t):
+    """Return exp(λt) and its first and second integral over (0, t), accurate also as λt → 0.
+
+    `inverse` is 1/λ.
+    """
+    if t == 0.0:
+        return 1.0 + 0j, 0j, 0j
+    if rate.imag == 0.0:
+        power, first, second = _integrals(rate.real * t, t, inverse.real)
+        return complex(power), complex(first), complex(second)
+    return _integrals(rate * t, t, inverse)
+
+
+@compiled
+def set_amplitudes(m, place, slope, amplitude):
+    """Amplitude of each mode in the slope at the start of a piece."""
+    for k in range(m.modes[place]):
+        total = 0j
+        for i in range(slope.size):
+            total += m.row[place, k, i] * slope[i]
+        amplitude[k] = total
+
+
+@compiled
+def set_taylor(A, slope, taylor):
+    """Coefficients of u, u², … in the state at a time u after the start of a piece."""
+    n = slope.size
+    for i in range(n):
+        taylor[0, i] = slope[i]
+    for j in range(1, TERMS):
+        factor = 1.0 / (j + 1)
+        for i in range(n):
+            total = 0.0
+            for k in range(n):
+                total += A[i, k] * taylor[j - 1, k]
+            taylor[j, i] = factor * total
+
+
+@compiled
+def advance(m, place, by_modes, state, slope, amplitude, taylor, u, out):
+    """State `out` at a time `u` after the start of a piece."""
+    n = out.size
+    if not by_modes:
+        for i in range(n):
+            total = 0.0
+            for j in range(TERMS - 1, -1, -1):
+                total = (total + taylor[j, i]) * u
+            out[i] = state[i] + total
+        return
+    for i in range(n):
+        out[i] = state[i]
+        if m.unit[place, i] == 0.0:
+            out[i] += slope[i] * u
+    for k in range(m.modes[place]):
+        if amplitude[k] == 0.0:  # though the mode may grow beyond all numbers
+            continue
+        _, first, second = integrals(m.rate[place, k], m.inverse[place, k], u)
+        first, second = amplitude[k] * first, amplitude[k] * second
+        for i in range(n):
+            grown = first if m.unit[place, i] > 0.0 else second
+            out[i] += (m.column[place, i, k] * grown).real

@@ -1,0 +1,448 @@
+"""Exact solution of piecewise-affine systems, mode by mode.
+
+In each mode the system is linear, ż = A z + b, and its guards, linear functions of the state, stay
+within their limits. So a run is a chain of pieces, each in closed form (`armsim.exact.modal`),
+glued where a guard reaches a limit (`armsim.exact.crossing`). Nothing is discretised: all that is
+searched for is the times of the events, by steps that are proven not to pass any. The page "How the
+exact solver works" of the book derives the formulas, in the order of these modules' functions.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armsim.checks import IntegrationError
+from armsim.exact import crossing, modal
+from armsim.exact.crossing import Mode
+from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
+from armsim.machine_code import generated, label
+
+#: Events at one time after which the modes are taken to chase each other for ever.
+AT_ONCE = 25
+
+(
+    FINISHED,
+    MODES_CHASE,
+    TOO_MANY_EVENTS,
+    TOO_MANY_PIECES,
+    TOO_MANY_MATRICES,
+    NOT_FINITE,
+    SEARCH_TOO_LONG,
+) = range(7)
+
+
+class Record(NamedTuple):
+    """What a compiled run leaves: its p pieces and its e events."""
+
+    status: int  #: `FINISHED` or why not
+    start: np.ndarray  #: (p, 1 + 2n) of each piece: time, state, slope
+    label: np.ndarray  #: (p, 3) of each piece: mode, place of its matrix, 1 modal or 0 series
+    event_time: np.ndarray  #: (e, 1)
+    event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
+    matrices: Matrices
+    end: float  #: time that was reached
+
+
+# --- a run ------------------------------------------------------------------------------------
+
+
+@merged
+def _run_piece(here, m, place, h, z, w):
+    """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
+
+    Where a guard leaves at once, or the search for the next is given up, the length is 0.
+    """
+    n = z.size
+    guard, side = crossing.stand(here, z, w)
+    if guard >= 0:
+        return 0.0, guard, side
+    if m.modes[place] == UNKNOWN:
+        modal.decompose(m, place)
+    by_modes = m.modes[place] >= 0
+    if by_modes:
+        modal.set_amplitudes(m, place, w.slope, w.amplitude)
+    else:
+        modal.set_taylor(here.A, w.slope, w.taylor)
+        h = min(h, m.reach[place])
+    h, guard, side = crossing.first_arrival(here, m, place, by_modes, h, w)
+    if guard == crossing.GIVEN_UP:
+        return h, guard, side
+    for i in range(n):
+        w.state[i] = z[i]
+    modal.advance(m, place, by_modes, w.state, w.slope, w.amplitude, w.taylor, h, z)
+    if guard >= 0:
+        crossing.put_at_limit(
+            here.normal[guard], here.upper[guard] if side > 0 else here.lower[guard], z
+        )
+    return h, guard, side
+
+
+@compiled
+def _longer(rows):
+    longer = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            longer[i, j] = rows[i, j]
+    return longer
+
+
+@compiled
+def given(interval, z, inputs, constants):
+    """Input that is known beforehand; see `solve`."""
+    return inputs[interval]
+
+
+# Part of its caller: so the machine code holds no address of `equations` and `successor`, and numba
+# can keep it on disk.
+@merged
+def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, sizes, limits):
+    """Run a piecewise-affine system: what `System.solve` calls, for use in other compiled code.
+
+    Parameters
+    ----------
+    equations, successor, constants
+        As in `System`.
+    hold : compiled function
+        ``hold(interval, z, inputs, constants)`` returns the input from the time
+        ``starts[interval]`` on, where the state is `z`: `given`, or a sampled controller.
+    starts : (j,) array
+        Times from which the inputs hold, the first being the start of the run.
+    inputs
+        Handed to `hold`; for `given` a (j, …) array of the inputs.
+    end : float
+        End of the run.
+    z : (n,) array
+        State at the start, and when it returns, at the end.
+    mode : int
+        Mode at the start.
+    sizes : (int, int)
+        Number of guards, and of different matrices at most.
+    limits : (int, int)
+        Largest number of events and of pieces.
+
+    Returns
+    -------
+    Record
+    """
+    n = z.size
+    here = Mode(
+        np.empty((n, n)),
+        np.empty(n),
+        np.empty((sizes[0], n)),
+        np.empty(sizes[0]),
+        np.empty(sizes[0]),
+    )
+    m, w = modal.room_for(sizes[1], n), crossing.work_room(n, sizes[0])
+    start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 3), np.int64)
+    event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
+    pieces = events = at_once = known = interval = place = 0
+    t, status, new, found = starts[0], FINISHED, True, mode - 1
+    u = hold(0, z, inputs, constants)
+    while t < end:
+        until = end if interval + 1 == starts.size else min(end, starts[interval + 1])
+        if t == until:
+            interval, new = interval + 1, True
+            u = hold(interval, z, inputs, constants)
+            continue
+        if new:
+            equations(mode, u, constants, here)
+            new = False
+            if mode != found:
+                place, found = modal.find(here.A, m, known), mode
+                known = max(known, place + 1)
+                if place < 0:
+                    status = TOO_MANY_MATRICES
+                    break
+        if not crossing.set_slope(here, z, w.slope):
+            status = NOT_FINITE
+            break
+        if pieces == limits[1]:
+            status = TOO_MANY_PIECES
+            break
+        if pieces == start.shape[0]:
+            start, label = _longer(start), _longer(label)
+        start[pieces, 0] = t
+        for i in range(n):
+            start[pieces, 1 + i], start[pieces, 1 + n + i] = z[i], w.slope[i]
+        h, guard, side = _run_piece(here, m, place, until - t, z, w)
+        if guard == crossing.GIVEN_UP:
+            status = SEARCH_TOO_LONG
+            break
+        if h > 0.0:
+            label[pieces, 0], label[pieces, 1], label[pieces, 2] = mode, place, m.modes[place] >= 0
+            pieces += 1
+            at_once = at_once if t + h == t else 0
+            t = until if guard < 0 and h == until - t else t + h
+            continue
+        at_once += 1
+        if events == event.shape[0]:
+            event_time, event = _longer(event_time), _longer(event)
+        event_time[events, 0] = t
+        event[events, 0], event[events, 1], event[events, 2] = guard, side, mode
+        mode, new = successor(mode, guard, side, z, constants), True
+        event[events, 3] = mode
+        events += 1
+        if at_once > AT_ONCE or events > limits[0]:
+            status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
+            break
+    return Record(status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t)
+
+
+@compiled
+def sample(record, times, out):
+    """Set `out` (n, k) to the states of a run at `times` (k,)."""
+    n, last, m = out.shape[0], -1, record.matrices
+    w = crossing.work_room(n, 0)
+    for j in range(times.size):
+        piece = _piece_at(record, times[j])
+        place, by_modes = record.label[piece, 1], record.label[piece, 2] == 1
+        state, slope = record.start[piece, 1 : n + 1], record.start[piece, n + 1 :]
+        if piece != last and by_modes:
+            modal.set_amplitudes(m, place, slope, w.amplitude)
+        elif piece != last:
+            modal.set_taylor(m.A[place], slope, w.taylor)
+        last, u = piece, times[j] - record.start[piece, 0]
+        modal.advance(m, place, by_modes, state, slope, w.amplitude, w.taylor, u, w.state)
+        for i in range(n):
+            out[i, j] = w.state[i]
+
+
+@compiled
+def _piece_at(record, t):
+    """Index of the piece that holds a time; where two meet, the later."""
+    low, high = 0, record.start.shape[0]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if record.start[middle, 0] <= t:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def modes_at(record, times, out):
+    """Set `out` (k,) to the modes of a run at `times` (k,)."""
+    for j in range(times.size):
+        out[j] = record.label[_piece_at(record, times[j]), 0]
+
+
+_RUN = """\
+def run(constants, starts, inputs, end, z, mode, limits):
+    return solve(
+        equations, successor, given, constants, starts, inputs, end, z, mode, sizes, limits
+    )
+"""
+
+
+# --- for users --------------------------------------------------------------------------------
+
+
+class Event(NamedTuple):
+    """A time at which the mode changes."""
+
+    time: float
+    before: Any  #: mode
+    after: Any  #: mode
+    causes: tuple[tuple[Any, int], ...]  #: guards that left, with the side, -1 below, +1 above
+
+
+def _itself(value: Any) -> Any:
+    return value
+
+
+@dataclass(frozen=True)
+class ExactSolution:
+    """Exact solution: call it with times for the states, and read off its events."""
+
+    record: Record
+    end: float
+    states: Callable[[Record, np.ndarray], np.ndarray]  #: makes (n, k) of a record and times (k,)
+    mode_name: Callable[[int], Any] = _itself
+    guard_name: Callable[[int], Any] = _itself
+    inputs: Sequence[tuple[float, Any]] = ()  #: from each time on
+    nfev: int = 0  #: no right-hand side is evaluated
+
+    def __call__(self, t: float | np.ndarray) -> np.ndarray:
+        """State (n,) at a time, or (n, k) at k times; where it jumps, that after the event.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside the run.
+        """
+        start, end = self.start, self.end
+        if isinstance(t, float) and start <= t <= end:  # without the detours of arrays
+            return self.states(self.record, np.array([t]))[:, 0]
+        times = np.array(t, dtype=float, ndmin=1)
+        for time in (times.min(initial=start), times.max(initial=end)):
+            if not start <= time <= end:
+                raise ValueError(f"t = {time} is outside the run; allowed is {start} to {end}")
+        states = self.states(self.record, times)
+        return states if np.ndim(t) else states[:, 0]
+
+    @property
+    def start(self) -> float:
+        """Start of the run."""
+        return float(self.record.start[0, 0])
+
+    def modes(self, t: np.ndarray) -> list:
+        """Modes at the times `t` (k,); at an event, the mode after it."""
+        out = np.empty(len(t), np.int64)
+        modes_at(self.record, np.asarray(t, dtype=float), out)
+        names = {mode: self.mode_name(mode) for mode in set(out.tolist())}
+        return [names[mode] for mode in out.tolist()]
+
+    @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """Switching events in the order of time; what happens at one time is one event."""
+        found: list[Event] = []
+        rows = zip(self.record.event_time[:, 0].tolist(), self.record.event.tolist(), strict=True)
+        for time, (guard, side, before, after) in rows:
+            cause = (self.guard_name(guard), side)
+            if found and found[-1].time == time:
+                last = found.pop()
+                found.append(Event(time, last.before, self.mode_name(after), (*last.causes, cause)))
+            else:
+                found.append(Event(time, self.mode_name(before), self.mode_name(after), (cause,)))
+        return tuple(found)
+
+    @cached_property
+    def t(self) -> np.ndarray:
+        """Times for a drawing: a thousand equal intervals, the events and the switches of input."""
+        even = np.linspace(self.start, self.end, 1001)
+        switches = [time for time, _ in self.inputs if time < self.end]
+        return np.unique(np.concatenate((even, self.record.event_time[:, 0], switches)))
+
+    @cached_property
+    def y(self) -> np.ndarray:
+        """States (n, k) at the times `t`."""
+        return self(self.t)
+
+
+def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_itself) -> None:
+    """Raise an `IntegrationError` that says where and why, if a run did not reach its end."""
+    if record.status == FINISHED:
+        return
+    last = ", ".join(
+        f"guard {guard_name(guard)} {'above' if side > 0 else 'below'}: "
+        f"{mode_name(before)} to {mode_name(after)}"
+        for guard, side, before, after in record.event[-3:].tolist()
+    )
+    reason = {
+        MODES_CHASE: f"more than {AT_ONCE} events at one time: they accumulate, or a mode to "
+        "slide is missing",
+        TOO_MANY_EVENTS: f"more than {len(record.event) - 1} events",
+        TOO_MANY_PIECES: f"more than {len(record.start)} pieces",
+        TOO_MANY_MATRICES: f"more than {len(record.matrices.reach)} different matrices",
+        NOT_FINITE: "the solution is not finite",
+        SEARCH_TOO_LONG: f"no next event found in {crossing.MAX_SEARCH} steps of search",
+    }[record.status]
+    raise IntegrationError(
+        f"exact solution stopped at t = {record.end:.12g}: {reason}"
+        + (f" ({last})" if last else "")
+    )
+
+
+@dataclass(frozen=True)
+class System:
+    """A piecewise-affine system.
+
+    Parameters
+    ----------
+    equations : compiled function
+        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`: every
+        entry of its arrays, which hold what an earlier call left. A does not depend on `u`.
+    successor : compiled function
+        ``successor(mode, guard, side, z, constants)`` returns the mode that follows when a guard
+        leaves past its upper limit (`side` 1) or its lower one (-1). It may change the state `z`,
+        as an impact does. It has to decide on sliding: if the mode that it returns leaves by the
+        same guard at once, it is asked again, and a run in which this does not end is an error.
+    guards : int
+        Number of guards.
+    matrices : int
+        Number of different matrices A that can occur in a run, at most.
+    """
+
+    equations: Callable[..., None]
+    successor: Callable[..., int]
+    guards: int
+    matrices: int
+
+    @cached_property
+    def _run(self) -> Callable[..., Record]:
+        names = {
+            "solve": solve,
+            "equations": self.equations,
+            "successor": self.successor,
+            "given": given,
+            "sizes": (self.guards, self.matrices),
+        }
+        made_for = f"{label(self.equations)} {label(self.successor)} {names['sizes']}"
+        return generated(_RUN, made_for, names, **OPTIONS)
+
+    def solve(
+        self,
+        z0: Sequence[float] | np.ndarray,
+        mode: int,
+        t_span: tuple[float, float],
+        inputs: Sequence[tuple[float, Any]] | None = None,
+        constants: Any = (),
+        max_events: int = 10_000,
+    ) -> ExactSolution:
+        """Solve from `z0` (n,) in `mode`.
+
+        Parameters
+        ----------
+        z0 : (n,) array_like
+            State at ``t_span[0]``.
+        mode : int
+            Mode there. If a guard says otherwise, the first event is at this time.
+        t_span : (float, float)
+            First and last time.
+        inputs : sequence of (time, input), optional
+            Input from each time on, rising from ``t_span[0]``; 0 if left out.
+        constants
+            Handed to the compiled functions.
+        max_events : int
+            More events than these are an error.
+
+        Returns
+        -------
+        ExactSolution
+
+        Raises
+        ------
+        ValueError
+            If an argument is out of range.
+        IntegrationError
+            If the modes chase each other at one time, there are too many events, or the solution
+            is not finite; the message says when, and names the modes.
+        """
+        start, end = map(float, t_span)
+        z = np.array(z0, dtype=float)
+        if not (math.isfinite(start) and math.isfinite(end) and start < end):
+            raise ValueError(f"t_span = {t_span!r} is not allowed; it must be finite and rise")
+        if z.ndim != 1 or not np.isfinite(z).all():
+            raise ValueError(f"z0 = {z0!r}: one row of finite numbers is needed")
+        schedule = [(start, 0.0)] if inputs is None else list(inputs)
+        times, values = zip(*schedule, strict=True)
+        starts = np.array(times, dtype=float)
+        if starts[0] != start or not (np.diff(starts) > 0).all():
+            raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
+        record = self._run(
+            constants, starts, np.array(values, float), end, z, mode, (max_events, 10**6)
+        )
+        require_finished(record)
+        return ExactSolution(record, end, states, inputs=schedule)
+
+
+def states(record: Record, times: np.ndarray) -> np.ndarray:
+    """States (n, k) of a run at `times` (k,)."""
+    out = np.empty((record.start.shape[1] // 2, len(times)))
+    sample(record, times, out)
+    return out

@@ -1,0 +1,84 @@
+"""What the paper prints: its tables, and its tableaux with their misprints."""
+
+import re
+import tomllib
+from typing import Any
+
+import sympy
+
+from armsim.methods.tableaux import Tableau
+from armsim.paths import DATA
+
+
+def _read(name: str) -> dict[str, Any]:
+    return tomllib.loads((DATA / "paper" / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+# --- tables -----------------------------------------------------------------------------------
+
+#: Tables 1 to 5, one list of rows a table.
+TABLES: dict[str, list[dict[str, str]]] = _read("tables")
+
+
+def printed_value(text: str) -> float:
+    """Return the number of a table entry such as ``"0.56 ohms"``; of a range, its upper end.
+
+    The upper end is what the paper's procedure sets `K_2` to (Section 4: "at its maximum").
+    """
+    text = re.sub(r"\s*\\cdot\s*10\^", "e", text)
+    return float(re.findall(r"\d+(?:\.\d+)?(?:e\d+)?", text.partition("²")[0])[text.count(" to ")])
+
+
+# --- tableaux ---------------------------------------------------------------------------------
+
+
+def _terms(formula: str) -> dict[int, tuple[int, int]]:
+    """Numerators and denominators, not reduced, of k_1, k_2, … in a formula of the paper.
+
+    Brackets and the exponentials around single terms are passed over, because the paper
+    misplaces both; what is left is a sum of terms ``sign fraction k_j``.
+    """
+    text = re.sub(r"\^\{?ij?\}?|\\left|\\right|\\exp|[()\[\]\s]", "", formula.partition("=")[2])
+    text = re.sub(r"\\frac\{(k_\d)\}\{(\d+)\}", r"\\frac{1}{\2}\1", text)
+    common = 1
+    if factor := re.search(r"\\frac\{1\}\{(\d+)\}(?=\d+k)", text):  # 1/90 [7 k_1 + …]
+        common = int(factor[1])
+        text = text.replace(factor[0], "")
+    found = {}
+    term = re.compile(r"([+-]?)(?:\\frac\{(-?\d+)\}\{(\d+)\}|(\d+)|)k_(\d)")
+    for sign, numerator, denominator, integer, stage in term.findall(text):
+        value = int(numerator or integer or 1) * (-1 if sign == "-" else 1)
+        found[int(stage)] = (value, common * int(denominator or 1))
+    return found
+
+
+def printed_fractions(key: str) -> list[list[tuple[int, int]]]:
+    """Rows of A and, last, of b as ``(numerator, denominator)``, just as the paper prints them.
+
+    Parameters
+    ----------
+    key : {"rk5", "rk6", "ndp5", "ndp6"}
+        Which of the paper's methods.
+
+    Returns
+    -------
+    list of s + 1 rows of s pairs
+        A coefficient that is not printed is ``(0, 1)``.
+    """
+    if key not in _FORMULAS:
+        raise ValueError(f"printed tableau {key!r}: not in the paper; it prints {list(_FORMULAS)}")
+    formulas = [*_FORMULAS[key]["stages"], _FORMULAS[key]["weights"]]
+    rows = [_terms(formula) for formula in formulas]
+    return [[row.get(j, (0, 1)) for j in range(1, len(formulas))] for row in rows]
+
+
+def _as_printed(key: str) -> Tableau:
+    *A, b = [[sympy.Rational(*pair) for pair in row] for row in printed_fractions(key)]
+    name, where = _FORMULAS[key]["name"], _FORMULAS[key]["equations"]
+    return Tableau(f"{name}, as printed", A, b, reference=f"the paper, eq. {where}")
+
+
+_FORMULAS = _read("tableaux")
+
+#: The four tableaux of the paper's eq. (10)-(16): ``"rk5"``, ``"rk6"``, ``"ndp5"``, ``"ndp6"``.
+PRINTED = {key: _as_printed(key) for key in _FORMULAS}

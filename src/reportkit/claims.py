@@ -1,0 +1,269 @@
+"""The paper's claims, each tested on recorded values by a criterion that was fixed in advance.
+
+A claim that passes its tests is confirmed; one that fails them, but passes those of a corrected
+reading, is confirmed with a correction; one that fails both is refuted. A claim may say that it
+cannot be tested, and why.
+"""
+
+import sys
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+from reportkit import figures
+from reportkit.check import load_all, replace_text
+from reportkit.project import Project
+
+CONFIRMED, CORRECTED = "confirmed", "confirmed with a correction"
+REFUTED, UNTESTABLE = "refuted", "cannot be tested"
+VERDICTS = (CONFIRMED, CORRECTED, REFUTED, UNTESTABLE)
+_RELATIONS = {"equals": "=", "above": ">", "below": "<"}
+
+Records = Mapping[str, Mapping[str, Mapping[str, Any]]]  #: study, name, record
+
+
+class ClaimError(ValueError):
+    """A claim that is not as it has to be, or whose recorded value is missing."""
+
+
+@dataclass(frozen=True)
+class Test:
+    """A criterion: how a recorded value has to stand to a number, or to another recorded value.
+
+    Parameters
+    ----------
+    value : str
+        Recorded value, ``"NN_topic::name"``.
+    equals, above, below : float or str
+        One of them: a number, or a recorded value.
+    times : float
+        Factor of that number or value.
+    tolerance : float
+        For `equals`: largest difference.
+    format : str
+        How the value is written.
+    unit : str, optional
+        Instead of the recorded unit.
+    """
+
+    __test__ = False  # for pytest
+
+    value: str
+    equals: float | str | None = None
+    above: float | str | None = None
+    below: float | str | None = None
+    times: float = 1.0
+    tolerance: float = 0.0
+    format: str = "g"
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        if sum(getattr(self, name) is not None for name in _RELATIONS) != 1:
+            raise ClaimError(f"{self.value}: one of {', '.join(_RELATIONS)} is needed")
+        if (self.tolerance > 0) != (self.equals is not None and not self.exact):
+            raise ClaimError(f"{self.value}: a tolerance belongs to equals, and equals needs one")
+
+    @property
+    def exact(self) -> bool:
+        """Whether it counts something, so that it has to be equal."""
+        return isinstance(self.equals, int)
+
+    @property
+    def relation(self) -> str:
+        """`equals`, `above` or `below`."""
+        return next(name for name in _RELATIONS if getattr(self, name) is not None)
+
+    def bound(self, records: Records) -> float:
+        """Number that the value is compared with."""
+        bound = getattr(self, self.relation)
+        return self.times * (_number(records, bound) if isinstance(bound, str) else bound)
+
+    def passes(self, records: Records) -> bool:
+        """Whether the recorded value fulfils the criterion."""
+        value, bound = _number(records, self.value), self.bound(records)
+        if self.relation == "equals":
+            return abs(value - bound) <= self.tolerance
+        return value > bound if self.relation == "above" else value < bound
+
+    def row(self, records: Records) -> tuple[str, str, str, str]:
+        """What is wanted, what came out, the difference and the tolerance, as texts."""
+        value, bound = _number(records, self.value), self.bound(records)
+        unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
+        unit = "" if unit == "1" else f" {unit}"
+        relation = "" if self.relation == "equals" else f"{_RELATIONS[self.relation]} "
+        texts = [f"{number:{self.format}}" for number in (bound, value)]
+        difference = f"{value - bound:+{self.format}}"
+        tolerance = "exact" if self.exact else f"{self.tolerance:g}{unit}"
+        limit = "one-sided" if relation else tolerance
+        return (
+            f"{relation}{texts[0]}{unit}",
+            f"{texts[1]}{unit}",
+            f"{difference}{unit}".replace("-", "−"),
+            limit,
+        )
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the paper says, and how it is tested.
+
+    Parameters
+    ----------
+    name : str
+        A few words for the figure.
+    where : str
+        Place in the paper.
+    text : str
+        What it says, in a few words.
+    page : str
+        Page of the book that shows it.
+    tests : list of Test
+        The claim as printed.
+    corrected : list of Test
+        A corrected reading.
+    note : str
+        The correction, the reason, or what was assumed.
+    untestable : bool
+        Whether it cannot be tested; then `note` says why.
+    """
+
+    name: str
+    where: str
+    text: str
+    page: str
+    tests: Sequence[Test] = field(default=())
+    corrected: Sequence[Test] = field(default=())
+    note: str = ""
+    untestable: bool = False
+
+    def __post_init__(self) -> None:
+        if self.untestable != (not self.tests):
+            raise ClaimError(f"{self.name}: tests, or that it is untestable, one of them")
+        if (self.untestable or self.corrected) and not self.note:
+            raise ClaimError(f"{self.name}: the note is missing")
+
+    def verdict(self, records: Records) -> str:
+        """One of `VERDICTS`."""
+        if self.untestable:
+            return UNTESTABLE
+        if all(test.passes(records) for test in self.tests):
+            return CONFIRMED
+        if self.corrected and all(test.passes(records) for test in self.corrected):
+            return CORRECTED
+        return REFUTED
+
+
+def load(path: Path) -> list[Claim]:
+    """Read the claims.
+
+    Raises
+    ------
+    ClaimError
+        If a claim is not as it has to be.
+    """
+    claims = []
+    for table in tomllib.loads(path.read_text(encoding="utf-8"))["claim"]:
+        try:
+            tests, corrected = (
+                [Test(**test) for test in table.pop(key, ())] for key in ("tests", "corrected")
+            )
+            claims.append(Claim(**table, tests=tests, corrected=corrected))
+        except TypeError as error:
+            raise ClaimError(f"{table.get('name', table)}: {error}") from None
+    return claims
+
+
+def _record(records: Records, place: str) -> Mapping[str, Any]:
+    study, _, name = place.partition("::")
+    if name not in records.get(study, {}):
+        raise ClaimError(f"a claim needs {place}, which is not recorded")
+    return records[study][name]
+
+
+def _number(records: Records, place: str) -> float:
+    return float(_record(records, place)["value"])
+
+
+# --- what the book shows ------------------------------------------------------------------------
+
+
+def table(claims: Iterable[Claim], records: Records) -> str:
+    """Table of the claims and their verdicts, for a page in the folder of the pages."""
+    lines = [
+        "| the paper | says | we measure | difference | tolerance | verdict |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for claim in claims:
+        verdict = claim.verdict(records)
+        tests = [*claim.tests, *(claim.corrected if verdict == CORRECTED else ())]
+        columns = list(zip(*(test.row(records) for test in tests), strict=True))
+        cells = ["<br>".join(column) for column in columns] or ["–"] * 4
+        said = f"{claim.text} ({claim.where})"
+        told = f"**{verdict}**: {claim.note}" if claim.note else f"**{verdict}**"
+        told += f" ({{doc}}`shown here <{claim.page}>`)"
+        lines.append("| " + " | ".join([said, *cells, told]) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def summary(claims: Sequence[Claim], records: Records) -> str:
+    """Return one sentence that counts the verdicts."""
+    verdicts = [claim.verdict(records) for claim in claims]
+    counts = []
+    for name in filter(verdicts.__contains__, VERDICTS):
+        number = verdicts.count(name)
+        verb = "" if name == UNTESTABLE else "is " if number == 1 else "are "
+        counts.append(f"{number} {verb}{name}")
+    *others, last = counts
+    return f"Of {len(claims)} claims, {', '.join(others)}{' and ' if others else ''}{last}.\n"
+
+
+_LOOK = {CONFIRMED: (3, "o"), CORRECTED: (0, "D"), REFUTED: (1, "X"), UNTESTABLE: (4, "s")}
+
+
+def figure(claims: Sequence[Claim], records: Records) -> Figure:
+    """Draw the claims by verdict, one line each in two columns."""
+    groups = {name: [c.name for c in claims if c.verdict(records) == name] for name in VERDICTS}
+    sides = ((CONFIRMED, UNTESTABLE), (CORRECTED, REFUTED))
+    height = max(sum(len(groups[name]) + 2 for name in side if groups[name]) for side in sides)
+    fig, ax = plt.subplots(figsize=(figures.WIDTH, 0.27 * height))
+    for left, side in zip((0.0, 1.0), sides, strict=True):
+        y = 0.0
+        for verdict in (name for name in side if groups[name]):
+            colour, marker = figures.PALETTE[_LOOK[verdict][0]], _LOOK[verdict][1]
+            text = f"{len(groups[verdict])} {verdict}"
+            ax.text(left, y, text, weight="bold", va="center")
+            for n, name in enumerate(groups[verdict], 1):
+                ax.plot(left + 0.03, y - n, marker, color=colour, ms=7)
+                ax.text(left + 0.08, y - n, name, va="center")
+            y -= len(groups[verdict]) + 2
+    ax.set(xlim=(0, 2), ylim=(1.0 - height, 0.7))
+    ax.set_axis_off()
+    return fig
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run ``python -m reportkit.claims RESULTS``: write the verdicts beside the results."""
+    (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    figures.use()
+    try:
+        claims, records = load(Project.find().claims), load_all(results)
+        replace_text(results / "verdicts-summary.md", summary(claims, records))
+        figures.save(figure(claims, records), results / "verdicts.svg")
+        rows = [(claim.name, claim.where, claim.verdict(records)) for claim in claims]
+        data = pd.DataFrame(rows, columns=["claim", "where", "verdict"])
+        replace_text(results / "verdicts.csv", data.to_csv(index=False, lineterminator="\n"))
+        replace_text(results / "verdicts.md", table(claims, records))
+    except ClaimError as error:
+        print(f"claims.toml: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,240 @@
+"""Execute a notebook so that its results appear all at once, or not at all."""
+
+import fcntl
+import os
+import re
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import papermill
+from nbclient.exceptions import DeadKernelError
+from papermill.exceptions import PapermillExecutionError
+
+from reportkit.record import RESULTS_VARIABLE
+
+_ANSI = re.compile(r"\x1b\[[0-9;]*m")
+_SCRATCH = re.compile(r"\.\d\d_[a-z0-9_]+-[a-z0-9_]{8}")
+_FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
+
+
+class NotebookError(RuntimeError):
+    """A notebook could not be executed; the message names it, its cell and the error."""
+
+
+def execute(
+    source: Path | str, results_dir: Path | str, parameters: Mapping[str, Any] | None = None
+) -> list[str]:
+    """Execute a notebook and put it and the results it writes into a folder.
+
+    What an earlier run of the same notebook left in `results_dir` is replaced only when the new
+    run has succeeded; the executed notebook comes last, for make takes it as the sign that the
+    rest is there. Two runs give the same bytes.
+
+    Parameters
+    ----------
+    source : path
+        The notebook, ``NN_topic.ipynb``.
+    results_dir : path
+        The folder for the executed notebook ``NN_topic.ipynb`` and its results ``NN_topic.json``
+        and ``NN_topic-*``; made if missing.
+    parameters : mapping, optional
+        Values for the variables of the cell tagged ``parameters``.
+
+    Returns
+    -------
+    list of str
+        What the notebook wrote to its standard error, which is not published.
+
+    Raises
+    ------
+    NotebookError
+        If the notebook cannot be read or fails.
+    """
+    source, results_dir = Path(source), Path(results_dir)
+    with executed(source, results_dir, parameters or {}) as (new, complaints):
+        _publish(new, results_dir, source.stem)
+    return complaints
+
+
+@contextmanager
+def executed(
+    source: Path, parent: Path, parameters: Mapping[str, Any]
+) -> Iterator[tuple[Path, list[str]]]:
+    """Execute a notebook into a hidden folder inside `parent`, which goes when the block ends.
+
+    Gives the folder with the executed notebook and its results, to be moved to their place, and
+    what the notebook wrote to its standard error. Raises `NotebookError` as `execute` does.
+    """
+    with _scratch(parent.resolve(), source.stem) as scratch:
+        new = scratch / "results"
+        new.mkdir()
+        variables = {
+            RESULTS_VARIABLE: str(new),
+            "IPYTHONDIR": str(scratch),  # no start-up files or history of the user's own
+            "JUPYTER_PREFER_ENV_PATH": "1",  # python3 means the Python that runs this
+            "PYTHONHASHSEED": "0",
+            "OPENBLAS_NUM_THREADS": "1",  # the matrices are small, and another notebook may run
+        }
+        with _environment(variables):
+            notebook = _run(source, dict(parameters), scratch)
+        complaints = _tidy(notebook)
+        nbformat.write(notebook, new / source.name)
+        yield new, complaints
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder, until the block ends or the process dies, against others who ask for it."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _scratch(parent: Path, stem: str) -> Iterator[Path]:
+    """Make a hidden folder; one that a killed process left is removed by the next."""
+    parent.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        with locked(parent):  # nobody sees a new folder that is not yet held
+            for left in parent.iterdir():
+                if _SCRATCH.fullmatch(left.name) and _abandoned(left):
+                    shutil.rmtree(left, ignore_errors=True)
+            folder = tempfile.TemporaryDirectory(
+                prefix=f".{stem}-", dir=parent, ignore_cleanup_errors=True
+            )
+            scratch = Path(stack.enter_context(folder))
+            stack.enter_context(locked(scratch))
+        yield scratch
+
+
+def _abandoned(folder: Path) -> bool:
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+
+
+def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.NotebookNode:
+    try:
+        notebook = nbformat.read(source, as_version=4)
+    except nbformat.reader.NotJSONError as error:
+        raise NotebookError(f"{source} is not a notebook: {error}") from None
+    # whatever kernel its author used
+    notebook.metadata["kernelspec"] = {
+        "display_name": "Python 3",
+        "language": "python",
+        "name": "python3",
+    }
+    try:
+        return papermill.execute_notebook(
+            notebook,
+            None,
+            parameters,
+            cwd=folder,  # where a file of the user's cannot stand in for a module
+            progress_bar={"leave": False} if sys.stderr.isatty() else False,
+            extra_arguments=["--log-level=CRITICAL"],  # of the kernel's own log, not the notebook's
+        )
+    except PapermillExecutionError as error:
+        raise NotebookError(_explain(source, error)) from None
+    except DeadKernelError:
+        raise NotebookError(f"{source} failed: its Python died (out of memory?)") from None
+
+
+def _explain(source: Path, error: PapermillExecutionError) -> str:
+    frames = _FRAME.findall(_ANSI.sub("", "\n".join(error.traceback)))
+    places = "".join(f"\n  in {function}, {file}" for file, function in frames)
+    code = "".join(f"\n    {line}" for line in error.source.splitlines())
+    return (
+        f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
+        f"  {error.ename}: {_ANSI.sub('', error.evalue)}"
+    )
+
+
+def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
+    """Remove times, random numbers and complaints, and move alt texts to where MyST reads them."""
+    complaints = []
+    notebook.metadata.pop("papermill", None)
+    for number, cell in enumerate(notebook.cells):
+        cell.id = f"cell-{number}"
+        for name in ("papermill", "execution"):
+            cell.metadata.pop(name, None)
+        kept = []
+        for output in cell.get("outputs", ()):
+            if output.output_type == "stream" and output.name == "stderr":
+                complaints.append(output.text.strip())
+                continue
+            kept.append(output)
+            if alt := output.get("metadata", {}).get("image/svg+xml", {}).get("alt"):
+                cell.metadata.setdefault("mystnb", {})["image"] = {"alt": alt}
+        if "outputs" in cell:
+            cell.outputs = kept
+    return complaints
+
+
+def _publish(new: Path, results_dir: Path, stem: str) -> None:
+    executed = f"{stem}.ipynb"
+    old = [results_dir / executed, results_dir / f"{stem}.json", *results_dir.glob(f"{stem}-*")]
+    for path in old:
+        path.unlink(missing_ok=True)
+    for path in sorted(new.iterdir(), key=lambda path: (path.name == executed, path.name)):
+        path.replace(results_dir / path.name)
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    before = os.environ.copy()
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; give the exit code."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if len(arguments) != 2:
+        print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
+        return 2
+    source, results_dir = arguments
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children with it
+    print(f"{source}: executing", flush=True)
+    start = time.perf_counter()
+    try:
+        complaints = execute(source, results_dir)
+    except NotebookError as error:
+        print(f"\n{error}\n", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"{source}: interrupted, nothing published", file=sys.stderr)
+        return 130
+    for complaint in complaints:
+        print(f"{source} warned: {complaint}", file=sys.stderr)
+    seconds = f"{time.perf_counter() - start:.1f}"
+    Path(results_dir, f"{Path(source).stem}-seconds.txt").write_text(f"{seconds}\n")
+    print(f"{source}: done in {seconds} s", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,149 @@
+"""One style for all figures of the book.
+
+The colours are those of Okabe and Ito, moved apart in lightness to differ in grey as well.
+Each has a contrast of at least 3 on white, and on the dark page, where the book shows a figure
+through ``filter: invert(1) hue-rotate(180deg)``.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from cycler import cycler
+from IPython.core.getipython import get_ipython
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
+from matplotlib_inline.backend_inline import set_matplotlib_formats
+
+INK = "#3a3a3a"
+FAINT = "#8a8a8a"
+PALETTE = ("#0067a8", "#e17a00", "#2d1160", "#00553c", "#c25a96")
+DASHES: tuple[Any, ...] = (
+    "-", (0, (5, 1.6)), (0, (1.2, 1.3)), (0, (7, 1.5, 1.2, 1.5)), (0, (6, 1.3, 1.2, 1.3, 1.2, 1.3))
+)  # fmt: skip
+MARKERS = ("o", "s", "^", "D", "v")
+WIDTH = 6.2  # inches: 595 px in a browser, so 11 pt are 8.4 px on a screen 340 px wide
+
+INKED = ("axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "text.color", "xtick.color",
+         "ytick.color")  # fmt: skip
+STYLE: dict[Any, Any] = dict.fromkeys(INKED, INK) | {
+    "axes.facecolor": "none",
+    "axes.grid": True,
+    "axes.grid.axis": "y",
+    "axes.linewidth": 0.8,
+    "axes.prop_cycle": cycler(color=PALETTE) + cycler(linestyle=DASHES),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": "medium",
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "none",
+    "figure.figsize": (WIDTH, 3.0),
+    "font.family": "DejaVu Sans",
+    "font.size": 11,
+    "grid.alpha": 0.3,
+    "grid.color": FAINT,
+    "legend.frameon": False,
+    "legend.handlelength": 2.8,
+    "lines.linewidth": 1.8,
+    "mathtext.fontset": "dejavusans",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "report",
+}
+
+
+def use() -> None:
+    """Set the style; in a notebook also show figures as SVG, without a date, at full size."""
+    mpl.rcParams.update(STYLE)
+    if get_ipython() is not None:
+        set_matplotlib_formats("svg", bbox_inches=None, metadata={"Date": None})
+
+
+def stack(
+    quantities: Sequence[str], x: str = "time / s", height: float = 1.5
+) -> tuple[Figure, list[Axes]]:
+    """Make a column of axes of one height that share the horizontal axis.
+
+    Parameters
+    ----------
+    quantities
+        One label for each axes, as ``"velocity / (m/s)"``; it takes no width, standing above.
+    x
+        Label of the shared horizontal axis.
+    height
+        Height of one axes with its label, in inches.
+    """
+    n = len(quantities)
+    fig, grid = plt.subplots(n, sharex=True, squeeze=False, figsize=(WIDTH, height * n + 0.5))
+    axes = list(grid[:, 0])
+    for ax, quantity in zip(axes, quantities, strict=True):
+        ax.set_title(quantity)
+    axes[-1].set_xlabel(x)
+    return fig, axes
+
+
+def family(
+    ax: Axes,
+    x: Sequence[float] | np.ndarray,
+    curves: Mapping[str, Sequence[float] | np.ndarray],
+    looks: Mapping[str, Mapping[str, Any]] | None = None,
+    **style: Any,
+) -> list[Line2D]:
+    """Draw curves over the same abscissae on two logarithmic axes, each under its name.
+
+    Parameters
+    ----------
+    ax, x
+        Axes, and the common abscissae.
+    curves : mapping of name to ordinates
+        The name is the curve's label.
+    looks : mapping of name to properties of a line, optional
+        Of a curve that is not among them the cycle of the style decides.
+    **style
+        Properties of all lines, over which those of a curve win.
+    """
+    pen: dict[str, Any] = {"ms": 4, "lw": 1.2} | style
+    return [
+        ax.loglog(x, y, **(pen | dict((looks or {}).get(name, {}))), label=name)[0]
+        for name, y in curves.items()
+    ]
+
+
+def legend_below(fig: Figure, ax: Axes, columns: int = 3) -> None:
+    """Set the names of what an axes shows below the whole figure."""
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+
+
+def direct_label(
+    line: Line2D, text: str, at: float | None = None, offset: tuple[float, float] = (5, 0)
+) -> Annotation:
+    """Write a line's name beside it, in a darker shade of its colour.
+
+    Parameters
+    ----------
+    line, text
+        A line with increasing abscissae, and its name.
+    at
+        Abscissa of the point beside which the name stands; by default the line's end.
+    offset
+        From that point to the left end of the text, in points of print.
+    """
+    xs, ys = (np.asarray(data, dtype=float) for data in line.get_data())
+    x = xs[-1] if at is None else at
+    y = float(np.interp(x, xs, ys))
+    darker = tuple(0.72 * part for part in to_rgb(line.get_color()))
+    style: Any = {"textcoords": "offset points", "va": "center", "color": darker}
+    assert isinstance(line.axes, Axes)
+    return line.axes.annotate(text, (x, y), offset, **style)
+
+
+def save(fig: Figure, path: str | Path) -> None:
+    """Write a figure as SVG, the same bytes each time."""
+    with mpl.rc_context(STYLE):
+        fig.savefig(path, format="svg", metadata={"Date": None})

@@ -1,0 +1,105 @@
+"""The book as one PDF: its single HTML page, printed by the system's Chromium."""
+
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import PdfMargins, sync_playwright
+from pypdf import PdfWriter
+from pypdf.generic import NameObject, TextStringObject
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+MARGIN = PdfMargins(top="17mm", bottom="17mm", left="18mm", right="18mm")
+#: Headings in the order of the outline; a formula among the words is taken from its MathML.
+HEADINGS = """() => [...document.querySelectorAll('article :is(h1, h2, h3, h4, h5, h6)')]
+.map(heading => {
+  const copy = heading.cloneNode(true);
+  copy.querySelectorAll('.headerlink, svg').forEach(part => part.remove());
+  return copy.textContent.replace(/\\s+/g, ' ').trim();
+})"""
+#: Chromium prints this beneath each page.
+FOOTER = '<div style="font: 8px sans-serif; margin: auto"><span class="pageNumber"></span></div>'
+
+
+def browser() -> str:
+    """Path of the browser.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    """
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        raise FileNotFoundError(f"no browser to print with: one of {', '.join(BROWSERS)} is needed")
+    return found
+
+
+def print_page(page: Path, pdf: Path) -> None:
+    """Print an HTML file, its mathematics included, as a tagged PDF with an outline.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no page or no browser.
+    """
+    if not page.is_file():
+        raise FileNotFoundError(f"{page}: there is no such page")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=browser(), args=["--no-sandbox"])
+        tab = chromium.new_page(color_scheme="light")
+        tab.goto(page.resolve().as_uri())
+        tab.evaluate("() => window.MathJax?.startup?.promise")
+        headings = tab.evaluate(HEADINGS)
+        part = pdf.with_suffix(".part")
+        tab.pdf(
+            path=part, format="A4", margin=MARGIN, scale=0.85, tagged=True, outline=True,
+            print_background=True, display_header_footer=True, header_template="<span></span>",
+            footer_template=FOOTER,
+        )  # fmt: skip
+        chromium.close()
+    writer = PdfWriter(clone_from=part)
+    entitle(writer, headings)
+    writer.write(part)
+    part.replace(pdf)
+
+
+def entitle(writer: PdfWriter, headings: list[str]) -> None:
+    """Name the entries of the outline by the headings.
+
+    Chromium names one twice where a page ends before it, and leaves formulas out.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many headings as entries.
+    """
+    entries = list(_entries(writer.root_object["/Outlines"].get_object()))
+    for entry, heading in zip(entries, headings, strict=True):
+        entry[NameObject("/Title")] = TextStringObject(heading)
+
+
+def _entries(parent: Any) -> Iterator[Any]:
+    entry = parent.get("/First")
+    while entry is not None:
+        found = entry.get_object()
+        yield found
+        yield from _entries(found)
+        entry = found.get("/Next")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run ``python -m reportkit.pdf PAGE PDF``."""
+    page, pdf = map(Path, sys.argv[1:] if arguments is None else arguments)
+    try:
+        print_page(page, pdf)
+    except FileNotFoundError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""Tests of the command line that execute nothing; reruns and checks have files of their own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armbook.cli import main
+
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+
+
+@pytest.fixture(autouse=True)
+def empty(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_list_shows_every_notebook_in_eighty_columns(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["list"]) == 0
+    text = capsys.readouterr().out
+    for path in NOTEBOOKS.glob("*.ipynb"):
+        assert f"{path.stem}\n" in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_list_of_one_tells_default_help_and_range(capsys):
+    assert main(["list", "30"]) == 0
+    text = capsys.readouterr().out
+    assert "T_p = 0.04\n" in text
+    assert "0.021 to 4.74 (s)" in text
+    assert "20_linear" not in text
+
+
+def test_list_for_scripts(capsys):
+    assert main(["list", "10", "--json"]) == 0
+    (model,) = json.loads(capsys.readouterr().out)
+    assert model["name"] == "10_model"
+    assert model["parameters"] == [
+        {"name": "fit", "default": "ndp", "unit": None, "help": "column of Table 5",
+         "allowed": "ndp | rk6", "type": "str"}
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("list 77", "77: no notebook in"),
+        ("rerun linear_step", "did you mean 20_linear_step_response?"),
+        ("rerun model -p fot rk6", "fot: no parameter of 10_model; did you mean fit?"),
+        ("rerun 10 -p fit rk5", "fit = 'rk5': expected a text, ndp | rk6"),
+        ("rerun 30 -p T_p -1e-3", "T_p = -0.001: expected a number, 0.021 to 4.74 (s)"),
+        ("rerun 20 -p T_p_values -1,-.5", "T_p_values = [-1.0, -0.5]: expected a list"),
+        ("rerun 30 -p T_p 1 -p T_p 1", "T_p: given twice"),
+        ("rerun 30 -f none.toml", "none.toml: no TOML file of parameters"),
+        ("rerun 30 -f bad.toml", "bad.toml: no TOML file of parameters"),
+        ("rerun 30 -f binary.toml", "binary.toml: no TOML file of parameters"),
+        ("rerun 30 --notebooks .", "no notebooks in ."),
+    ],
+)
+def test_misuse_is_told_in_one_line_and_writes_nothing(empty, capsys, arguments, message):
+    (empty / "bad.toml").write_text("T_p = ")
+    (empty / "binary.toml").write_bytes(b"\xff\xfe")
+    assert main(arguments.split()) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith(f"armsim {arguments.split()[0]}: ")
+    assert told.err.count("\n") == 1
+    assert message in told.err
+    assert sorted(os.listdir(empty)) == ["bad.toml", "binary.toml"]
+
+
+@pytest.mark.parametrize("arguments", ["", "rerun", "rerun 10 -p fit", "run 10", "check --force"])
+def test_command_that_makes_no_sense_exits_with_two(capsys, arguments):
+    with pytest.raises(SystemExit) as exit:
+        main(arguments.split())
+    assert exit.value.code == 2
+    assert "usage: armsim" in capsys.readouterr().err
+
+
+def test_command_line_imports_nothing_slow():
+    code = "import sys, armbook.cli; print({'numpy', 'nbformat', 'papermill'} & {*sys.modules})"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "set()\n"
+
+
+def test_reader_that_stops_early_is_no_error():
+    command = f"{sys.executable} -m armbook.cli list | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("10_model\n", "")

@@ -1,0 +1,124 @@
+"""Tests of the solvers that are compared, on problems whose solutions are known."""
+
+import numpy as np
+import pytest
+
+from armbook import peers as module
+from armbook.peers import (
+    arm_problems,
+    exactly,
+    fixed,
+    linear_problem,
+    peers,
+    region_flow,
+    region_number,
+)
+from armsim.arm import AxisParameters, SlaveControl, Track, simulate
+from armsim.arm.dynamics import Region
+from armsim.methods import IntegrationError, tableaux
+
+P = AxisParameters.paper_x_axis()
+NAMES = list(peers(1e-3, np.ones(1)))
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return linear_problem(P, 10.0, 0.02)
+
+
+@pytest.fixture(scope="module")
+def step():
+    return simulate(P, 10.0, 0.05)
+
+
+@pytest.fixture(scope="module")
+def move():
+    control = SlaveControl(track=Track.trapezoid(0.05, 0.4, 1.0), counts=0)
+    return simulate(P, control=control, t_end=0.03)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_solver_meets_its_tolerance_where_all_is_smooth(linear, name):
+    solve = peers(1e-7, 1e-7 * linear.size)[name]
+    if solve is None:
+        pytest.skip("scikit-sundae is not installed")
+    counter = linear.equations.counting()
+    t, y = linear.run(solve, counter)
+    assert t.size == y.shape[1] == 100
+    assert linear.error(t, y) < 1e-5
+    assert 50 < counter.count < 2000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_restarted_at_the_events_each_solver_converges(step, name):
+    _, problem = arm_problems(step)
+    solve = peers(1e-8, 1e-8 * problem.size)[name]
+    if solve is None:
+        pytest.skip("scikit-sundae is not installed")
+    assert problem.error(*problem.run(solve)) < 1e-3  # DOP853 errs between its steps
+
+
+def test_fixed_steps_have_their_order_on_the_linear_arm(linear):
+    errors = [linear.error(*linear.run(fixed(tableaux.RK6, h))) for h in (1e-4, 5e-5)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6, abs=0.5)
+
+
+def test_fixed_steps_are_those_of_simulate(step):
+    problem, _ = arm_problems(step)
+    run = simulate(P, 10.0, 0.05, method=tableaux.RK5, step_size=1e-5)
+    t, y = problem.run(fixed(tableaux.RK5, 1e-5))
+    assert t == pytest.approx(0.005 * np.arange(1, 11))
+    assert y[:, -1] == pytest.approx(run.y[:, -1], rel=1e-9)
+
+
+def test_control_reads_the_states_of_the_solver(move):
+    problem, landed = arm_problems(move)
+    run = simulate(P, control=move.control, t_end=0.03, method=tableaux.RK6, step_size=1e-5)
+    t, y = problem.run(fixed(tableaux.RK6, 1e-5))
+    assert t == pytest.approx(0.005 * np.arange(1, 7))
+    assert y[:, -1] == pytest.approx(run.y[:, -1], rel=1e-9)
+    assert len(landed.legs) > len(problem.legs)
+    assert landed.error(*landed.run(fixed(tableaux.RK6, 1e-5))) < 1e-6
+
+
+def test_exact_run_is_the_solution(step, move):
+    for run in (step, move):
+        problem, _ = arm_problems(run)
+        states = exactly(run)()
+        t = np.linspace(0, states.shape[1] - 1, states.shape[1]) * 0.005
+        assert problem.error(t, states) < 1e-12
+
+
+def test_regions_have_numbers_of_their_own(step):
+    from itertools import product
+
+    sides = (-1, 0, 1)
+    regions = [Region(*where) for where in product(sides, sides, sides, (-1, 0, 1, 2))]
+    assert [region_number(where) for where in regions] == list(range(108))
+    problem, _ = arm_problems(step)
+    (k,) = problem.equations.fixed
+    y = tuple(0.1 * problem.size)
+    for where in regions:
+        wanted = module.derivative(y, 5.0, k, where)
+        assert region_flow(0.0, y, 5.0, region_number(where), k) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_runs_without_end_are_given_up(linear, monkeypatch):
+    monkeypatch.setattr(module, "MAX_EVALUATIONS", 20)
+    solve = peers(1e-7, 1e-7 * linear.size)["SciPy RK45"]
+    with pytest.raises(IntegrationError, match="more than 20 evaluations"):
+        linear.run(solve, linear.equations.counting())
+
+
+def test_absent_solver_is_none(monkeypatch):
+    monkeypatch.setattr(module, "CVODE", None)
+    assert [name for name, solve in peers(1e-3, np.ones(1)).items() if solve is None] == [
+        "CVODE BDF",
+        "CVODE Adams",
+    ]
+    assert peers(1e-3, np.ones(1))["DP5(4)"] is not None
+
+
+def test_what_is_not_finite_is_wrong(linear):
+    y = np.full((4, 2), np.nan)
+    assert linear.error(np.array([0.0, 0.01]), y) == np.inf

@@ -1,0 +1,70 @@
+"""Tests of the sensitivity to our own choices: reading the file, counting, and its age."""
+
+import pandas as pd
+import pytest
+
+from armbook.sensitivity import BASE, VERDICTS, counts, load
+from armsim.paths import DATA
+from reportkit.check import compare, load_all
+
+ROWS = """\
+choice,factor,study,name,value
+published,1.0,30_a,speed,2.0
+published,1.0,30_a,pair,x
+published,1.0,30_a,zero,0.0
+published,1.0,verdicts,claim,confirmed
+K,2.0,30_a,speed,1.9
+K,2.0,30_a,pair,y
+K,2.0,30_a,zero,0.5
+K,2.0,30_a,new,1.0
+K,2.0,verdicts,claim,refuted
+K,0.5,30_a,fails,no extrema
+K,0.5,verdicts,claim,confirmed
+"""
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "choices.csv"
+    path.write_text(ROWS)
+    return load(path)
+
+
+def test_changes_are_in_per_cent_of_the_published(table):
+    speed = table[table["name"] == "speed"].iloc[0]
+    assert (speed["factor"], speed["published"], speed["value"]) == (2.0, "2.0", "1.9")
+    assert speed["change"] == pytest.approx(-5.0)
+    for name in ("pair", "zero", "new"):  # a text, from zero, unknown before
+        assert table[table["name"] == name]["change"].isna().all()
+
+
+def test_counts(table):
+    doubled, halved = counts(table).to_dict("records")
+    assert (doubled["choice"], doubled["factor"], doubled["values"]) == ("K", 2.0, 4)
+    assert (doubled["0.1 %"], doubled["1 %"], doubled["10 %"]) == (4, 4, 3)
+    assert doubled["verdicts"] == "claim: refuted"
+    assert (halved["values"], halved["verdicts"], halved["failed"]) == (0, "", "30_a")
+
+
+def test_file_starts_from_the_values_of_the_book():
+    """Else: data/sensitivity/make_sensitivity.py, see CONTRIBUTING."""
+    rows = pd.read_csv(DATA / "sensitivity" / "choices.csv", dtype=str, keep_default_na=False)
+    expected = load_all(DATA / "expected")
+    base = rows[(rows["choice"] == BASE) & (rows["study"] != VERDICTS)]
+    assert len(base) > 300
+    for study, part in base.groupby("study"):
+        now = expected[study]
+        kept = {
+            name: now[name] | {"value": _like(now[name]["value"], text)}
+            for name, text in zip(part["name"], part["value"], strict=True)
+        }
+        moved = [
+            pair.name for pair in compare(study, {n: now[n] for n in kept}, kept) if pair.moved
+        ]
+        assert moved == [], study
+
+
+def _like(value, text):
+    if isinstance(value, bool):
+        return text == "True"
+    return text if isinstance(value, str) else type(value)(text)

@@ -1,0 +1,113 @@
+"""Tests of the execution of notebooks; each starts a kernel."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import nbformat
+import pytest
+
+from reportkit.execute import NotebookError, execute, main
+
+STUDY = """
+import sys
+from matplotlib import pyplot as plt
+from reportkit.record import Study
+study = Study("50_trial")
+study.record("size", size)
+fig, ax = plt.subplots()
+ax.plot([0, size])
+study.figure("line", fig, {"x": [0, size]}, alt="A line that rises from zero")
+print("said", file=sys.stderr)
+"""
+
+
+@pytest.fixture
+def notebook(tmp_path):
+    """Write a notebook with these cells after one of parameters."""
+
+    def write(*cells, name="50_trial"):
+        parameters = nbformat.v4.new_code_cell("size = 1.0", metadata={"tags": ["parameters"]})
+        code = [nbformat.v4.new_code_cell(cell) for cell in cells]
+        path = tmp_path / f"{name}.ipynb"
+        nbformat.write(nbformat.v4.new_notebook(cells=[parameters, *code]), path)
+        return path
+
+    return write
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_two_runs_give_the_same_bytes(notebook, tmp_path):
+    source = notebook(STUDY, "{1, 2}")
+    results = [tmp_path / "one", tmp_path / "two"]
+    for folder in results:
+        assert execute(source, folder) == ["said"]
+    one, two = map(contents, results)
+    assert sorted(one) == [
+        "50_trial-line.csv",
+        "50_trial-line.svg",
+        "50_trial.ipynb",
+        "50_trial.json",
+    ]
+    assert one == two
+    text = one["50_trial.ipynb"].decode()
+    assert "said" not in json.dumps([cell["outputs"] for cell in json.loads(text)["cells"]])
+    image = json.loads(text)["cells"][1]["metadata"]["mystnb"]["image"]
+    assert image == {"alt": "A line that rises from zero"}
+
+
+def test_new_run_replaces_all_of_the_old(notebook, tmp_path):
+    execute(notebook(STUDY), tmp_path / "results")
+    execute(notebook(STUDY.replace('"line"', '"curve"')), tmp_path / "results", {"size": 3.0})
+    files = contents(tmp_path / "results")
+    assert "50_trial-line.svg" not in files
+    assert "50_trial-curve.svg" in files
+    assert json.loads(files["50_trial.json"])["size"]["value"] == 3.0
+
+
+def test_failure_names_its_place_and_leaves_what_was(notebook, tmp_path, capsys):
+    results = tmp_path / "results"
+    execute(notebook(STUDY), results)
+    before = contents(results)
+    broken = notebook(STUDY.replace("1.0", "2.0"), "import json\njson.loads('?')")
+    assert main([str(broken), str(results)]) == 1
+    message = capsys.readouterr().err
+    for part in ("50_trial.ipynb failed in its code cell 3", "json.loads('?')", "JSONDecodeError:"):
+        assert part in message
+    assert "\x1b" not in message
+    assert contents(results) == before
+
+
+def test_failure_of_a_first_run_leaves_nothing(notebook, tmp_path):
+    with pytest.raises(NotebookError, match="ZeroDivisionError: division by zero"):
+        execute(notebook(STUDY, "1 / 0"), tmp_path / "results")
+    assert contents(tmp_path / "results") == {}
+
+
+def test_file_that_is_no_notebook_is_named(tmp_path):
+    path = tmp_path / "50_trial.ipynb"
+    path.write_text("no JSON")
+    with pytest.raises(NotebookError, match=r"50_trial\.ipynb is not a notebook"):
+        execute(path, tmp_path / "results")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interruption_leaves_nothing(notebook, tmp_path, number):
+    sign, results = tmp_path / "sign", tmp_path / "results"
+    cell = f"import pathlib, time\npathlib.Path({str(sign)!r}).touch()\ntime.sleep(60)"
+    command = [sys.executable, "-m", "reportkit.execute", notebook(STUDY, cell), results]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=dict(os.environ))
+    while not sign.exists():
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(number)
+    _, message = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "nothing published" in message
+    assert contents(results) == {}

@@ -1,0 +1,138 @@
+"""Tests of the style of the figures."""
+
+from itertools import combinations
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.colors import to_rgb
+
+from reportkit import figures
+
+# The CSS specification's hue-rotate matrix for 180 degrees
+HUE_ROTATE_180 = np.array([[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]])
+
+
+@pytest.fixture(autouse=True)
+def _restore():
+    with mpl.rc_context():
+        yield
+    plt.close("all")
+
+
+def luminance(colour) -> float:
+    """Relative luminance, WCAG 2."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(one, two) -> float:
+    """Contrast ratio, WCAG 2."""
+    low, high = sorted((luminance(one), luminance(two)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def lightness(colour) -> float:
+    """CIE L*, from 0 to 100."""
+    y = luminance(colour)
+    return 116 * np.cbrt(y) - 16 if y > 0.008856 else 903.3 * y
+
+
+def in_dark_mode(colour) -> np.ndarray:
+    """``filter: invert(1) hue-rotate(180deg)``."""
+    return np.clip(HUE_ROTATE_180 @ (1 - np.array(to_rgb(colour))), 0, 1)
+
+
+def test_emulated_filter_keeps_greys_grey_and_a_hue_its_side():
+    assert in_dark_mode("white") == pytest.approx([0, 0, 0], abs=1e-9)
+    assert in_dark_mode("#333333") == pytest.approx([0.8] * 3)
+    red, green, blue = in_dark_mode("#0067a8")
+    assert blue > green > red
+
+
+@pytest.mark.parametrize("colour", [figures.INK, figures.FAINT, *figures.PALETTE])
+def test_lines_stand_out_on_white_and_in_dark_mode(colour):
+    assert contrast(colour, "white") >= 3
+    assert contrast(in_dark_mode(colour), "#121212") >= 3
+
+
+@pytest.mark.parametrize("colour", [figures.INK, *figures.PALETTE])
+def test_text_is_readable_on_white_and_in_dark_mode(colour):
+    if colour == figures.INK:
+        written = colour
+    else:
+        _, ax = plt.subplots()
+        (line,) = ax.plot([0, 1], [0, 1], color=colour)
+        written = figures.direct_label(line, "name").get_color()
+    assert contrast(written, "white") >= 4.5
+    assert contrast(in_dark_mode(written), "#121212") >= 4.5
+
+
+def test_colours_differ_in_grey():
+    for one, two in combinations(figures.PALETTE, 2):
+        assert abs(lightness(one) - lightness(two)) > 8, (one, two)
+        assert abs(lightness(in_dark_mode(one)) - lightness(in_dark_mode(two))) > 4, (one, two)
+
+
+def test_lines_of_one_axes_differ_in_colour_and_in_dashes():
+    figures.use()
+    _, ax = plt.subplots()
+    lines = [ax.plot([0, 1], [k, k])[0] for k in range(5)]
+    assert len({line.get_color() for line in lines}) == 5
+    assert len({str(line._dash_pattern) for line in lines}) == 5
+    assert len(set(figures.MARKERS)) == 5
+
+
+def test_stack_has_axes_of_one_height_on_one_time_axis():
+    figures.use()
+    names = ["velocity / (m/s)", "motor current / A", "f"]
+    fig, axes = figures.stack(names)
+    for ax, scale in zip(axes, (1.0, -123456.0, 1e-9), strict=True):
+        ax.plot([0, 2], [0, scale])
+    fig.canvas.draw()
+    assert [ax.get_title("left") for ax in axes] == names
+    assert [ax.get_xlabel() for ax in axes] == ["", "", "time / s"]
+    axes[0].set_xlim(0, 7)
+    assert axes[2].get_xlim() == (0, 7)
+    boxes = [ax.get_position() for ax in axes]
+    assert np.ptp([box.height for box in boxes]) < 1e-6
+    assert np.ptp([box.x0 for box in boxes]) < 1e-6
+    assert boxes[0].y0 > boxes[1].y0 > boxes[2].y0
+
+
+def test_stack_of_one_and_with_another_axis():
+    fig, axes = figures.stack(["relative error"], x="CPU time / ms", height=3)
+    assert len(axes) == 1
+    assert axes[0].get_xlabel() == "CPU time / ms"
+    assert fig.get_size_inches()[0] == pytest.approx(figures.WIDTH)
+
+
+def test_text_is_legible_on_a_phone():
+    figures.use()
+    fig, axes = figures.stack(["velocity / (m/s)"])
+    pixels_per_point = 340 / (72 * fig.get_size_inches()[0])
+    texts = [axes[0].title, axes[0].xaxis.label, *axes[0].get_xticklabels()]
+    assert min(text.get_fontsize() for text in texts) * pixels_per_point >= 8
+
+
+def test_direct_label_stands_at_the_line():
+    _, ax = plt.subplots()
+    (line,) = ax.plot([0, 1, 3], [0, 10, 30])
+    assert figures.direct_label(line, "end").xy == (3, 30)
+    assert figures.direct_label(line, "inside", at=0.5).xy == pytest.approx((0.5, 5))
+
+
+def test_saved_figure_is_the_same_each_time(tmp_path):
+    for name in ("one", "two"):
+        figures.use()
+        fig, (ax,) = figures.stack(["velocity / (m/s)"])
+        ax.plot([0, 1], [0, 1], marker="o")
+        ax.fill_between([0, 1], [0, 1], [1, 1], hatch="/")
+        mpl.rcdefaults()  # the style is the figure's, not the session's
+        figures.save(fig, tmp_path / f"{name}.svg")
+    one = (tmp_path / "one.svg").read_bytes()
+    assert one == (tmp_path / "two.svg").read_bytes()
+    assert b"<dc:date>" not in one
+    assert b"<text" not in one

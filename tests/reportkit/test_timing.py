@@ -1,0 +1,174 @@
+"""Tests of the measurement of times, with clocks that only the functions move."""
+
+import gc
+import itertools
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from reportkit import timing
+from reportkit.timing import measure, resolution, spent
+
+
+class Machine:
+    """A clock that ticks when read, and functions that take a time of their own."""
+
+    def __init__(self, tick=1e-6):
+        self.now, self.tick, self.log = 0.0, tick, []
+
+    def clock(self):
+        self.now += self.tick
+        return self.now
+
+    def function(self, name, *seconds):
+        durations = itertools.cycle(seconds)
+
+        def run():
+            self.log.append(name)
+            self.now += next(durations)
+
+        return run
+
+
+@pytest.fixture
+def machine():
+    return Machine()
+
+
+def measured(machine, functions, **options):
+    return measure(functions, clocks={"fake": machine.clock}, **options)
+
+
+def test_times_are_those_of_one_call(machine):
+    functions = {"slow": machine.function("slow", 0.3), "fast": machine.function("fast", 0.1)}
+    found = measured(machine, functions, repetitions=5)
+    assert found.names == ("slow", "fast")
+    assert found.seconds.shape == (5, 2)
+    assert found.median == pytest.approx({"slow": 0.3, "fast": 0.1}, rel=1e-4)
+    assert found.ratios("slow", to="fast") == pytest.approx((3, 3, 3), rel=1e-4)
+    assert found.clock == "fake"
+    assert found.resolution == pytest.approx(1e-6)
+
+
+def test_each_repetition_goes_once_through_all_in_its_own_order(machine):
+    functions = {name: machine.function(name, 1.0) for name in "abcd"}
+    found = measured(machine, functions, repetitions=6)
+    warm_up, rounds = machine.log[:4], np.reshape(machine.log[4:], (6, 4))
+    assert warm_up == list("abcd")
+    assert all(sorted(one) == list("abcd") for one in rounds)
+    assert len({tuple(one) for one in rounds}) > 1
+    assert list(found.frame()["function"]) == machine.log[4:]
+    other = Machine()
+    again = measured(other, {name: other.function(name, 1.0) for name in "abcd"}, repetitions=6)
+    assert (again.place == found.place).all()
+
+
+def test_warm_up_is_not_counted(machine):
+    first = itertools.chain([50.0], itertools.repeat(0.5))
+
+    def compiled():
+        machine.now += next(first)
+
+    assert measured(machine, {"compiled": compiled}).median["compiled"] == pytest.approx(0.5, 1e-4)
+
+
+def test_short_calls_are_repeated_until_the_clock_can_tell(machine):
+    machine.tick = 1e-3
+    found = measured(machine, {"short": machine.function("short", 1e-4)}, repetitions=3)
+    assert (found.calls == 1024).all()  # the first power of two that lasts 100 ticks
+    assert found.median["short"] == pytest.approx(1e-4, rel=0.02)
+
+
+def test_least_duration_can_be_asked_for(machine):
+    found = measured(machine, {"f": machine.function("f", 1e-3)}, repetitions=2, shortest=0.1)
+    assert (found.calls == 128).all()
+
+
+def test_ratios_are_paired_within_a_repetition(machine):
+    """A machine that slows down tenfold leaves the ratio of the pair as it is."""
+    slow = [0.2, *(0.2 * 10**n for n in range(4))]
+    fast = [0.1, *(0.1 * 10**n for n in range(4))]
+    functions = {"slow": machine.function("slow", *slow), "fast": machine.function("fast", *fast)}
+    found = measured(machine, functions, repetitions=4)
+    assert found.ratios("slow", to="fast") == pytest.approx((2, 2, 2), rel=1e-3)
+    low, middle, high = found.quartiles("slow")
+    assert low == pytest.approx(0.2 + 0.75 * 1.8, rel=1e-3)
+    assert middle == pytest.approx(11.0, rel=1e-3)
+    assert high == pytest.approx(20 + 0.25 * 180, rel=1e-3)
+
+
+def test_frame_keeps_every_measurement(machine):
+    functions = {"a": machine.function("a", 0.5), "b": machine.function("b", 0.25)}
+    frame = measured(machine, functions, repetitions=3).frame()
+    assert list(frame.columns) == ["repetition", "place", "function", "calls", "seconds"]
+    assert list(frame["repetition"]) == [0, 0, 1, 1, 2, 2]
+    assert list(frame["place"]) == [0, 1] * 3
+    assert set(frame["seconds"].round(4)) == {0.5, 0.25}
+
+
+def test_finest_clock_is_taken_if_it_is_much_finer(machine):
+    def ticking(tick):
+        def clock():
+            machine.now += tick
+            return machine.now
+
+        return clock
+
+    def chosen(first, second):
+        clocks = {"first": ticking(first), "second": ticking(second)}
+        return measure({"f": machine.function("f", 1.0)}, 1, clocks=clocks).clock
+
+    assert chosen(1.5e-6, 1e-6) == "first"
+    assert chosen(1e-2, 1e-6) == "second"
+
+
+def test_resolution_passes_over_equal_readings():
+    readings = itertools.chain.from_iterable([float(n)] * 3 for n in itertools.count())
+    assert resolution(lambda: next(readings)) == 1.0
+
+
+def test_progress_and_garbage_collection(machine):
+    steps, states = [], []
+    measured(machine, {"f": lambda: (machine.function("f", 1.0)(), states.append(gc.isenabled()))},
+             repetitions=3, progress=steps.append)  # fmt: skip
+    assert steps == [1, 1, 1]
+    assert states == [True, False, False, False]
+    assert gc.isenabled()
+
+
+def test_garbage_is_collected_again_after_an_error(machine):
+    calls = itertools.count()
+
+    def fails():
+        if next(calls):
+            raise ArithmeticError("lost")
+
+    with pytest.raises(ArithmeticError):
+        measured(machine, {"fails": fails})
+    assert gc.isenabled()
+
+
+@pytest.mark.parametrize(("functions", "repetitions"), [({}, 3), ({"f": print}, 0)])
+def test_nothing_to_measure_is_refused(functions, repetitions):
+    with pytest.raises(ValueError, match="at least 1 is needed"):
+        measure(functions, repetitions)
+
+
+def test_machine_names_its_software(monkeypatch):
+    (row,) = timing.machine().to_dict("records")
+    assert "numba " in row["software"] and "Python 3" in row["software"]
+    assert row["machine"]
+    monkeypatch.setattr(timing, "metadata", timing.metadata)
+    assert timing._version("no-such-package") == "no-such-package missing"
+
+
+def test_processor_time_of_children_counts():
+    work = "import time\nwhile time.process_time() < 0.5: pass"
+    before = spent()
+    subprocess.run([sys.executable, "-c", work], check=True)
+    assert spent() - before >= 0.5
+    before = spent()
+    subprocess.run([sys.executable, "-c", "import time; time.sleep(0.5)"], check=True)
+    assert spent() - before < 0.5
