@@ -141,7 +141,9 @@ class _Locator(_CacheLocator):
 
     def __init__(self, function: FunctionType, stamp: str, folder: Path) -> None:
         self._stamp, self._folder = stamp, folder
-        place = f"{function.__code__.co_filename} {function.__module__}"
+        # Scripts share the module's name, generated functions share the module.
+        file, module = function.__code__.co_filename, function.__module__
+        place = f"{module} {file if module == '__main__' or file.startswith('<') else ''}"
         self._place = hashlib.sha256(place.encode()).hexdigest()[:12]
 
     def get_cache_path(self) -> str:
