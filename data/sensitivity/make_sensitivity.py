@@ -1,7 +1,7 @@
 """Halve and double each of our own choices, and note what becomes of every recorded value.
 
 Run it as ``.venv/bin/python data/sensitivity/make_sensitivity.py``; it takes about half an hour. In
-a copy of the repository one choice is changed where it is written, the notebooks that use it are
+a copy of the repository one choice is changed in ``data/choices.toml``, the notebooks that use it are
 executed, and what they record is written to ``choices.csv``, with the verdicts that follow. A
 notebook that fails leaves its message.
 """
@@ -10,7 +10,6 @@ import csv
 import json
 import multiprocessing
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -18,6 +17,7 @@ import tempfile
 from pathlib import Path
 
 from armbook.sensitivity import BASE, FAILS, VERDICTS
+from armsim.choices import CHOICES
 from reportkit import claims
 from reportkit.check import load_all
 
@@ -25,45 +25,45 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Those that run the arm and measure no times; 60 and 62 compare methods, 12 and 64 have no arm.
 ARM = """10_model 14_exponential_form 20_linear_step_response 30_nonlinear_step_response
 40_exact_solution 50_programmed_move 52_parameter_fit 54_parameter_study""".split()
-CHOICES = {key: ARM for key in ("K_e", "F_0", "v_s")} | {
+USED_BY = {key: ARM for key in ("K_e", "F_0", "v_s")} | {
     key: ["50_programmed_move"] for key in ("K_p", "K_I", "K_v")
 }
 FACTORS = (0.5, 2.0)
-#: Where a choice is written: the file, and what stands before its value.
-PLACES = {
-    "src/armsim/arm/parameters.py": r'"{}": ',
-    "data/axes/x.toml": r"^{} = ",
-    "data/axes/y.toml": r"^{} = ",
-    "data/axes/z.toml": r"^{} = ",
-    "src/armsim/arm/slave_control.py": r"^    {}: float = ",
-    "notebooks/50_programmed_move.ipynb": r'^    "{} = ',
-}
 
 
-def change(copy: Path, choice: str, factor: float) -> int:
-    """Multiply a choice wherever it is written; tell in how many files."""
-    found = 0
-    for place, before in PLACES.items():
-        path = copy / place
-        pattern = re.compile(f"({before.format(choice)})([0-9.e-]+)", re.MULTILINE)
-        text, n = pattern.subn(lambda m: f"{m[1]}{factor * float(m[2])!r}", path.read_text("utf-8"))
-        if n:
-            path.write_text(text, encoding="utf-8")
-            found += 1
-    return found
+def change(choices: dict, name: str, factor: float) -> dict:
+    """Multiply a choice in every table that has it."""
+    return {
+        key: change(value, name, factor)
+        if isinstance(value, dict)
+        else factor * value
+        if key == name
+        else value
+        for key, value in choices.items()
+    }
+
+
+def toml(choices: dict, table: str = "") -> str:
+    """Text of a file of numbers in tables."""
+    lines = [f"{key} = {value!r}" for key, value in choices.items() if not isinstance(value, dict)]
+    parts = [f"[{table}]", *lines] if lines else []
+    for key, value in choices.items():
+        if isinstance(value, dict):
+            parts.append(toml(value, f"{table}.{key}".strip(".")))
+    return "\n".join(parts) + "\n"
 
 
 def outcomes(copy: Path, choice: str, factor: float) -> list[list[object]]:
     """Rows of the file for one change."""
-    for place in PLACES:
-        shutil.copy(ROOT / place, copy / place)
-    assert change(copy, choice, factor) >= 2, choice
+    changed = change(CHOICES, choice, factor)
+    assert changed != CHOICES, choice
+    (copy / "data" / "choices.toml").write_text(toml(changed), encoding="utf-8")
     results = copy / "book" / "results"
     shutil.rmtree(results, ignore_errors=True)
     shutil.copytree(ROOT / "data" / "expected", results)
     environment = os.environ | {"PYTHONPATH": str(copy / "src")}
     rows: list[list[object]] = []
-    for notebook in CHOICES[choice]:
+    for notebook in USED_BY[choice]:
         command = [sys.executable, "-m", "reportkit.execute", f"notebooks/{notebook}.ipynb"]
         done = subprocess.run(
             [*command, str(results)], cwd=copy, env=environment, capture_output=True, text=True
@@ -88,7 +88,10 @@ def recorded(choice: str, factor: float, study: str, records: dict) -> list[list
 def verdicts(choice: str, factor: float, results: Path) -> list[list[object]]:
     """Rows of the verdicts that follow."""
     records = load_all(results)
-    return [[choice, factor, VERDICTS, c.name, c.verdict(records)] for c in claims.load()]
+    return [
+        [choice, factor, VERDICTS, c.name, c.verdict(records)]
+        for c in claims.load(ROOT / "data" / "paper" / "claims.toml")
+    ]
 
 
 def published() -> list[list[object]]:
@@ -116,7 +119,7 @@ def work(copy: str, tasks: list[tuple[str, float]]) -> list[list[object]]:
 
 def main() -> None:
     """Make ``choices.csv``."""
-    tasks = [(choice, factor) for choice in CHOICES for factor in FACTORS]
+    tasks = [(choice, factor) for choice in USED_BY for factor in FACTORS]
     workers = os.cpu_count() or 1
     with tempfile.TemporaryDirectory() as scratch, multiprocessing.Pool(workers) as pool:
         shares = [(f"{scratch}/{n}", tasks[n::workers]) for n in range(workers)]

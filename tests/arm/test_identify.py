@@ -3,10 +3,10 @@
 import dataclasses
 import pickle
 import tomllib
-from concurrent.futures import Executor, Future
 
 import numpy as np
 import pytest
+from joblib import parallel_config
 from scipy.optimize import approx_fprime
 
 from armsim.arm import identify
@@ -175,12 +175,13 @@ def test_parameter_without_effect_is_not_identified():
 
 
 def test_bootstrap_spreads_as_the_standard_errors_say(found):
-    drawn = bootstrap(found, 150, progress=False)
+    drawn = bootstrap(found, 150)
     spread = drawn.values.std(axis=0, ddof=1)
     np.testing.assert_allclose(spread, found.standard_errors, rtol=0.25)  # 4 / √(2 150)
     low, high = drawn.interval().T
     np.testing.assert_allclose(high - low, 2 * 1.96 * found.standard_errors, rtol=0.35)
-    again = bootstrap(found, 10, executor=InTurn(), progress=False)
+    with parallel_config("sequential"):
+        again = bootstrap(found, 10)
     np.testing.assert_array_equal(again.values, drawn.values[:10])
 
 
@@ -195,15 +196,6 @@ def test_known_slopes_change_nothing(found):
     with_them = noisy.solve(start, problem.jacobian(start))
     np.testing.assert_array_equal(with_them.x, noisy.solve(start).x)
     assert not np.array_equal(with_them.x, start)
-
-
-class InTurn(Executor):
-    """Runs at once, in this thread."""
-
-    def submit(self, run, *args):
-        future = Future()
-        future.set_result(run(*args))
-        return future
 
 
 # --- whether the model is right -----------------------------------------------------------------

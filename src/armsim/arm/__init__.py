@@ -4,7 +4,6 @@ from armsim.arm.linear import LinearAxis
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import Trajectory, simulate, simulate_many
 from armsim.arm.slave_control import SlaveControl, Track
-from armsim.arm.study import study
 
 __all__ = [
     "AxisParameters",
@@ -14,5 +13,4 @@ __all__ = [
     "Trajectory",
     "simulate",
     "simulate_many",
-    "study",
 ]

@@ -7,8 +7,7 @@ is theirs, so that standard errors count them in.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -17,10 +16,10 @@ import numpy as np
 from scipy.optimize import OptimizeResult, brentq, least_squares
 from scipy.stats import qmc
 
+from armsim import parallel
 from armsim.arm.measurement import Instrument, Measurement, signals
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import simulate, simulate_many
-from armsim.arm.study import study
 from armsim.checks import checked_count
 from armsim.methods.tableaux import Tableau
 
@@ -234,7 +233,8 @@ def fit(
     Examples
     --------
     >>> from armsim.arm.identify import fit
-    >>> from armsim.arm.measurement import read_axis, read_measurement
+    >>> from armsim import parallel
+    from armsim.arm.measurement import read_axis, read_measurement
     >>> from armsim.paths import DATA
     >>> record = read_measurement(DATA / "measurements" / "x_axis_test.csv")
     >>> found = fit(record, *read_axis(DATA / "axes" / "x.toml"))
@@ -445,8 +445,7 @@ def bootstrap(
     fit: Fit,
     n: int = 1000,
     seed: int = 0,
-    executor: Executor | None = None,
-    progress: bool = True,
+    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
 ) -> Bootstrap:
     """Parametric bootstrap: refit records of the fitted motion with fresh noise.
 
@@ -459,14 +458,14 @@ def bootstrap(
     seed : int
         Of the noise. Each refit has random numbers of its own, so that results do not depend on
         the number of workers.
-    executor, progress
-        As for `armsim.arm.study`.
+    progress
+        As for `armsim.parallel.each`, which runs the refits.
 
     Raises
     ------
     ValueError
         If `n` is less than 2.
-    StudyError
+    CaseError
         If a refit fails.
     """
     checked_count("n", n, least=2)
@@ -474,7 +473,7 @@ def bootstrap(
     # Bias and drift cancel in the residuals, so the records may go without.
     slopes = fit.problem.jacobian(fit.logarithms)  # of every record alike
     run = partial(_refit, fit.problem, fit.logarithms, ideal, slopes)
-    values = study(np.random.SeedSequence(seed).spawn(n), run, executor=executor, progress=progress)
+    values = parallel.each(run, np.random.SeedSequence(seed).spawn(n), progress)
     return Bootstrap(fit.names, np.array(values))
 
 

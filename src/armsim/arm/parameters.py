@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 from armsim.checks import checked_number, hint
+from armsim.choices import CHOICES
 from armsim.paper import TABLES, printed_value
 
 #: Source of a value that the paper does not give.
@@ -118,7 +119,7 @@ class AxisParameters:
             for row in rows
             if row.get("field") not in (None, "K_1")
         }
-        values |= {"T_p": 0.04, "K_e": 100.0, "F_0": 20.0, "v_s": 0.01}
+        values |= {"T_p": 0.04} | CHOICES["axis"]["x"]
         return cls(**(values | changes))
 
     def replace(self, **changes: float | None) -> Self:

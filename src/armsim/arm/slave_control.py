@@ -17,11 +17,11 @@ import numpy as np
 from numba import njit
 
 from armsim.checks import checked_number
+from armsim.choices import CHOICES
 
 _compiled = njit(error_model="numpy", nogil=True)
 
-#: Track data in these tests, m/s and m/s²: the paper gives the speed only.
-VELOCITY, ACCELERATION = 0.9, 1.0
+_MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class Track:
     @classmethod
     def trapezoid(
         cls,
-        distance: float = 1.0,
-        velocity: float = VELOCITY,
-        acceleration: float = ACCELERATION,
+        distance: float = _MOVE["distance"],
+        velocity: float = _MOVE["velocity"],
+        acceleration: float = _MOVE["acceleration"],
         period: float = 0.08,
     ) -> Self:
         """Sample a move with constant acceleration, constant velocity, constant deceleration.
@@ -161,11 +161,11 @@ class SlaveControl:
     """
 
     track: Track = field(default_factory=Track.trapezoid)
-    K_p: float = 8.0
-    K_I: float = 4.0
-    K_v: float = 0.2
-    delay: int = 1
-    counts: int = 2000
+    K_p: float = _CONTROL["K_p"]
+    K_I: float = _CONTROL["K_I"]
+    K_v: float = _CONTROL["K_v"]
+    delay: int = _CONTROL["delay"]
+    counts: int = _CONTROL["counts"]
     period: float = 0.005
     limit: float = 10.0
     volts_per_speed: float = 10.0
