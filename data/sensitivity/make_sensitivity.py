@@ -1,8 +1,8 @@
 """Halve and double each of our own choices, and note what becomes of every recorded value.
 
 Run it as ``.venv/bin/python data/sensitivity/make_sensitivity.py``; it takes about half an hour. In
-a copy of the repository one choice is changed in ``data/choices.toml``, the notebooks that use it are
-executed, and what they record is written to ``choices.csv``, with the verdicts that follow. A
+a copy of the repository one choice is changed in ``data/choices.toml``, the notebooks that use it
+are executed, and what they record is written to ``choices.csv``, with the verdicts that follow. A
 notebook that fails leaves its message.
 """
 
