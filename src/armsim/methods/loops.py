@@ -7,7 +7,7 @@ its right-hand side inlined becomes machine code.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -108,71 +108,98 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
     str
         Python source that calls ``fun``, ``exp``, ``expm1``, ``fabs`` and ``maximum``.
     """
-    rule, shifted = FORMS[form], form != "additive"
-    A, b, c = (part.tolist() for part in tableau.floats())
-    parts = [("", ":")] if size is None else [(f"_{j}", str(j)) for j in range(size)]
+    if adaptive and tableau.b_embedded is None:
+        raise ValueError(f"tableau {tableau.name}: no embedded weights, so no error estimate")
+    lines = _Lines(tableau, size, form)
+    if adaptive:
+        return _filled(_ADAPTIVE, lines.common() | lines.adaptive())
+    return _filled(_FIXED, lines.common() | lines.fixed())
 
-    def each(text: str, **more: Any) -> list[str]:
-        return [text.format(p=p, row=row, **more) for p, row in parts]
 
-    def together(text: str) -> str:
-        return ", ".join(each(text)) + ("" if size is None else ",")
+class _Lines:
+    """Lines of a loop. In a pattern ``{p}`` is the suffix of a component, ``{row}`` its index."""
 
-    def joined(weights: list[float], p: str) -> str:
-        return rule.joint.join(rule.term.format(a=a, i=i, p=p) for i, a in enumerate(weights) if a)
+    def __init__(self, tableau: Tableau, size: int | None, form: str) -> None:
+        self.tableau, self.size = tableau, size
+        self.rule, self.additive = FORMS[form], form == "additive"
+        self.A, self.b, self.c = (part.tolist() for part in tableau.floats())
+        self.parts = [("", ":")] if size is None else [(f"_{j}", str(j)) for j in range(size)]
+        self.unshifted = "" if self.additive else " - s{p}"
 
-    def moved(weights: list[float], p: str) -> str:
-        return rule.moved.format(y=f"y{p}", z=joined(weights, p)) if any(weights) else f"y{p}"
+    def each(self, pattern: str, **more: Any) -> list[str]:
+        """One line a component."""
+        return [pattern.format(p=p, row=row, **more) for p, row in self.parts]
 
-    def stage_state(i: int, p: str) -> str:
-        if form != "additive":
-            return moved(A[i], p)
+    def together(self, pattern: str) -> str:
+        """All components as a tuple, or the one array."""
+        return ", ".join(self.each(pattern)) + ("" if self.size is None else ",")
+
+    def joined(self, weights: list[float], p: str) -> str:
+        terms = [self.rule.term.format(a=a, i=i, p=p) for i, a in enumerate(weights) if a]
+        return self.rule.joint.join(terms)
+
+    def moved(self, weights: list[float], p: str) -> str:
+        """Component moved along the slopes by a whole step."""
+        if not any(weights):
+            return f"y{p}"
+        return self.rule.moved.format(y=f"y{p}", z=self.joined(weights, p))
+
+    def stage_state(self, i: int, p: str) -> str:
+        """Component at which stage i takes its slope."""
+        if not self.additive:
+            return self.moved(self.A[i], p)
         # Summed from y on with h*a made first: one operation between the newest slope and the
         # stage. The step itself keeps y + h*(...), which rounds less.
-        return " + ".join([f"y{p}"] + [f"(h*{a})*k{j}{p}" for j, a in enumerate(A[i]) if a])
+        return " + ".join([f"y{p}"] + [f"(h*{a})*k{j}{p}" for j, a in enumerate(self.A[i]) if a])
 
-    def stage(i: int) -> list[str]:
-        state = together("u{p} - s{p}" if shifted else "u{p}")
+    def stage(self, i: int) -> list[str]:
+        state = self.together("u{p}" + self.unshifted)
         return [
-            *(f"u{p} = {stage_state(i, p)}" for p, _ in parts),
-            f"{together('f{p}')} = fun(t + {c[i]!r}*h, ({state}), *args)",
-            *each("k{i}{p} = " + rule.slope.format(f="f{p}", u="u{p}"), i=i),
+            *(f"u{p} = {self.stage_state(i, p)}" for p, _ in self.parts),
+            f"{self.together('f{p}')} = fun(t + {self.c[i]!r}*h, ({state}), *args)",
+            *self.each("k{i}{p} = " + self.rule.slope.format(f="f{p}", u="u{p}"), i=i),
         ]
 
-    minus_s = " - s{p}" if shifted else ""
-    blocks = {
-        "start": [f"{together('y{p}')} = y", f"{together('s{p}')} = shift"]
-        + (each("y{p} = y{p} + s{p}") if shifted else []),
-        "move": [f"x{p} = {moved(b, p)}" for p, _ in parts],
-        "accept": each("y{p} = x{p}"),
-        "store": each("out[{row}, n] = x{p}" + minus_s),
-    }
-    if not adaptive:
-        stages = [line for i in tableau.evaluated_stages for line in stage(i)]
-        return _filled(_FIXED, blocks | {"stages": stages})
+    def stages(self, which: Iterable[int]) -> list[str]:
+        return [line for i in which for line in self.stage(i)]
 
-    if tableau.b_embedded is None:
-        raise ValueError(f"tableau {tableau.name}: no embedded weights, so no error estimate")
-    difference = [float(weight) for weight in tableau.b - tableau.b_embedded]
-    square = "(w*w).sum()/w.size" if size is None else f"({' + '.join(each('w{p}*w{p}'))})/{size}"
-    last = tableau.stages - 1
-    blocks |= {
-        "tolerances": [f"{together('a{p}')} = atol"],
-        "first": stage(0),
-        "stages": [line for i in range(1, last + 1) for line in stage(i)],
-        "errors": [
-            f"e{p} = {rule.error.format(x=f'x{p}', z=joined(difference, p))}" for p, _ in parts
-        ]
-        + each(
-            f"w{{p}} = e{{p}}/(a{{p}} + rtol*maximum(fabs(y{{p}}{minus_s}), fabs(x{{p}}{minus_s})))"
-        )
-        + [f"error = {square}"],
-        "slopes": [
-            line for i in range(last + 1) for line in each("slopes[n, {i}, {row}] = k{i}{p}", i=i)
-        ],
-        "next": each("k0{p} = k{i}{p}", i=last) if tableau.fsal else stage(0),
-    }
-    return _filled(_ADAPTIVE, blocks)
+    def common(self) -> dict[str, list[str]]:
+        """Blocks that both templates have."""
+        shifted = [] if self.additive else self.each("y{p} = y{p} + s{p}")
+        return {
+            "start": [f"{self.together('y{p}')} = y", f"{self.together('s{p}')} = shift", *shifted],
+            "move": [f"x{p} = {self.moved(self.b, p)}" for p, _ in self.parts],
+            "accept": self.each("y{p} = x{p}"),
+            "store": self.each("out[{row}, n] = x{p}" + self.unshifted),
+        }
+
+    def fixed(self) -> dict[str, list[str]]:
+        return {"stages": self.stages(self.tableau.evaluated_stages)}
+
+    def adaptive(self) -> dict[str, list[str]]:
+        last = self.tableau.stages - 1
+        all_stages = range(last + 1)
+        slopes = "slopes[n, {i}, {row}] = k{i}{p}"
+        return {
+            "tolerances": [f"{self.together('a{p}')} = atol"],
+            "first": self.stage(0),
+            "stages": self.stages(all_stages[1:]),
+            "errors": self.errors(),
+            "slopes": [line for i in all_stages for line in self.each(slopes, i=i)],
+            "next": self.each("k0{p} = k{i}{p}", i=last) if self.tableau.fsal else self.stage(0),
+        }
+
+    def errors(self) -> list[str]:
+        """Mean square of the estimated errors in units of what is tolerated."""
+        weights = [float(weight) for weight in self.tableau.b - self.tableau.b_embedded]
+        largest = f"maximum(fabs(y{{p}}{self.unshifted}), fabs(x{{p}}{self.unshifted}))"
+        lines = []
+        for p, _ in self.parts:
+            lines.append(f"e{p} = {self.rule.error.format(x=f'x{p}', z=self.joined(weights, p))}")
+        lines += self.each(f"w{{p}} = e{{p}}/(a{{p}} + rtol*{largest})")
+        if self.size is None:
+            return [*lines, "error = (w*w).sum()/w.size"]
+        return [*lines, f"error = ({' + '.join(self.each('w{p}*w{p}'))})/{self.size}"]
 
 
 def _filled(template: str, blocks: dict[str, list[str]]) -> str:

@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numba.core.errors import TypingError
@@ -121,10 +121,30 @@ def integrate(
     if not isinstance(tableau, Tableau):
         raise TypeError(f"tableau = {tableau!r}: a Tableau is needed, such as tableaux.RK6")
     start, end, y0 = _checked_problem(t_span, y0)
-    s = _checked_shift(shift, y0, form)
+    problem = _Problem(fun, start, end, y0, tableau, form, _checked_shift(shift, y0, form), args)
     if step_size is None:
-        return _adaptive(fun, (start, end), y0, tableau, form, args, s, rtol, atol)
-    checked_number("step_size", step_size, above=0.0)
+        return _adaptive(problem, *_checked_tolerances(problem, rtol, atol))
+    return _fixed(problem, checked_number("step_size", step_size, above=0.0))
+
+
+class _Problem(NamedTuple):
+    """What is integrated how, checked."""
+
+    fun: RightHandSide
+    start: float
+    end: float
+    y0: np.ndarray
+    tableau: Tableau
+    form: str
+    shift: np.ndarray
+    args: tuple
+
+    def told(self, setting: str) -> str:
+        return f"{self.tableau.name}, {self.form} form, {setting}"
+
+
+def _fixed(problem: _Problem, step_size: float) -> Solution:
+    _, start, end, y0, tableau, *_ = problem
     steps = abs(end - start) / step_size - 1e-9
     if (steps + 1) * (y0.size + 1) > MAX_STORED:
         raise ValueError(
@@ -139,60 +159,56 @@ def integrate(
     t[-1] = end
     y = np.empty((y0.size, steps + 1))
     y[:, 0] = y0
-    loop, state = _loop(fun, tableau, form, start, y0, args)
+    loop, state = _loop(problem)
     with np.errstate(all="ignore"):  # a blow-up is reported below, once
-        loop(t, step, state(y0), state(s), y, args)
-    _raise_if_lost(t, y, s, form, f"{tableau.name}, {form} form, step size {step_size:g}")
+        loop(t, step, state(y0), state(problem.shift), y, problem.args)
+    _raise_if_lost(problem, t, y, f"step size {step_size:g}")
     return Solution(t, y, steps * len(tableau.evaluated_stages))
 
 
-def _adaptive(
-    fun: RightHandSide,
-    t_span: tuple[float, float],
-    y0: np.ndarray,
-    tableau: Tableau,
-    form: str,
-    args: tuple,
-    s: np.ndarray,
-    rtol: float,
-    atol: float | Sequence[float] | np.ndarray,
-) -> Solution:
+class _Chunk(NamedTuple):
+    """Room for the accepted steps of one call of an adaptive loop."""
+
+    t: np.ndarray  #: (n,)
+    y: np.ndarray  #: (m, n)
+    slopes: np.ndarray  #: (n, s, m)
+
+    @classmethod
+    def empty(cls, m: int, stages: int) -> Self:
+        return cls(np.empty(_CHUNK), np.empty((m, _CHUNK)), np.empty((_CHUNK, stages, m)))
+
+    def first(self, n: int) -> Self:
+        return self._replace(t=self.t[:n], y=self.y[:, :n], slopes=self.slopes[:n])
+
+
+def _adaptive(problem: _Problem, rtol: float, atol: np.ndarray) -> Solution:
     """Steps chosen by the embedded pair; results are collected in chunks."""
-    if tableau.b_embedded is None:
-        raise ValueError(
-            f"step_size is missing, and {tableau.name} has no embedded weights to control it with"
-        )
-    checked_number("rtol", rtol, above=0.0)
-    atol = np.broadcast_to(np.asarray(atol, dtype=float), y0.shape).copy()
-    if not (np.isfinite(atol).all() and (atol >= 0).all()):
-        raise ValueError(f"atol = {atol}: every component must be finite and not negative")
-    (t, end), y, stages = t_span, y0, tableau.stages
-    loop, state = _loop(fun, tableau, form, t, y0, args, adaptive=True)
+    _, t, end, y, tableau, _, s, args = problem
+    m, stages, setting = y.size, tableau.stages, f"rtol {rtol:g}"
+    loop, state = _loop(problem, adaptive=True)
     power = -0.5 / (_lower_order(tableau) + 1)
-    h, nfev = _first_step(fun, t, end, y0, atol + rtol * np.abs(y0), 2 * power, args)
-    times, states, slopes, rejected = [np.array([t])], [y0[:, None]], [], 0
-    method = f"{tableau.name}, {form} form, rtol {rtol:g}"
+    h, nfev = _first_step(problem, atol + rtol * np.abs(y), 2 * power)
+    chunks, rejected = [_Chunk(np.array([t]), y[:, None], np.empty((0, stages, m)))], 0
+    tolerances = rtol, state(atol), power
     while t != end:
-        buffers = np.empty(_CHUNK), np.empty((y0.size, _CHUNK)), np.empty((_CHUNK, stages, y0.size))
+        room = _Chunk.empty(m, stages)
         with np.errstate(all="ignore"):
-            n, lost, t, h = loop(
-                t, end, h, state(y), state(s), rtol, state(atol), power, *buffers, args
-            )
-        times.append(buffers[0][:n])
-        states.append(buffers[1][:, :n])
-        slopes.append(buffers[2][:n])
+            n, lost, t, h = loop(t, end, h, state(y), state(s), *tolerances, *room, args)
+        chunks.append(room.first(n))
         rejected += lost
         nfev += 1 + (n + lost) * (stages - 1) + (0 if tableau.fsal else n)
         if n:
-            y = states[-1][:, -1].copy()
-            _raise_if_lost(times[-1], states[-1], s, form, method)
+            y = chunks[-1].y[:, -1].copy()
+            _raise_if_lost(problem, chunks[-1].t, chunks[-1].y, setting)
         if t != end and n < _CHUNK:
-            raise IntegrationError(f"{method}: the step size fell to {h:.3g} at t = {t:.6g}")
-    solution = Solution(np.concatenate(times), np.concatenate(states, axis=1), nfev, rejected)
-    if tableau.interpolant is None or len(solution.t) == 1:
-        return solution
-    extension = _extension(solution, np.concatenate(slopes), tableau, form, s)
-    return Solution(solution.t, solution.y, nfev, rejected, extension)
+            raise IntegrationError(
+                f"{problem.told(setting)}: the step size fell to {h:.3g} at t = {t:.6g}"
+            )
+    times, states, slopes = zip(*chunks, strict=True)
+    run = Solution(np.concatenate(times), np.concatenate(states, axis=1), nfev, rejected)
+    if tableau.interpolant is None or len(run.t) == 1:
+        return run
+    return replace(run, _interpolate=_extension(problem, run, np.concatenate(slopes)))
 
 
 @cache
@@ -202,16 +218,9 @@ def _lower_order(tableau: Tableau) -> int:
     return min(trees.order(tableau), trees.order(embedded))
 
 
-def _first_step(
-    fun: RightHandSide,
-    t: float,
-    end: float,
-    y0: np.ndarray,
-    scale: np.ndarray,
-    power: float,
-    args: tuple,
-) -> tuple[float, int]:
+def _first_step(problem: _Problem, scale: np.ndarray, power: float) -> tuple[float, int]:
     """Starting step of Hairer, Nørsett and Wanner I, section II.4, and the evaluations it took."""
+    fun, t, end, y0, *_, args = problem
     if t == end:
         return 0.0, 0
 
@@ -235,10 +244,10 @@ def _interpolant(tableau: Tableau) -> np.ndarray:
 
 
 def _extension(
-    run: Solution, slopes: np.ndarray, tableau: Tableau, form: str, s: np.ndarray
+    problem: _Problem, run: Solution, slopes: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Continuous extension y(t + θh), moved from the left end of a step along Σ b_i(θ) k_i."""
-    P = _interpolant(tableau)
+    P, s = _interpolant(problem.tableau), problem.shift
     direction = 1 if run.t[-1] >= run.t[0] else -1
 
     def interpolate(times: np.ndarray) -> np.ndarray:
@@ -248,7 +257,9 @@ def _extension(
         powers = ((times - run.t[n]) / h)[:, None] ** np.arange(1, P.shape[1] + 1)
         z = h * np.einsum("nsm,sq,nq->mn", slopes[n], P, powers)
         left = run.y[:, n]
-        return left + z if form == "additive" else (left + s[:, None]) * np.exp(z) - s[:, None]
+        return (
+            left + z if problem.form == "additive" else (left + s[:, None]) * np.exp(z) - s[:, None]
+        )
 
     return interpolate
 
@@ -297,9 +308,23 @@ def _checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
     return s
 
 
-def _raise_if_lost(t: np.ndarray, y: np.ndarray, s: np.ndarray, form: str, method: str) -> None:
+def _checked_tolerances(
+    problem: _Problem, rtol: float, atol: float | Sequence[float] | np.ndarray
+) -> tuple[float, np.ndarray]:
+    tableau = problem.tableau
+    if tableau.b_embedded is None:
+        raise ValueError(
+            f"step_size is missing, and {tableau.name} has no embedded weights to control it with"
+        )
+    atol = np.broadcast_to(np.asarray(atol, dtype=float), problem.y0.shape).copy()
+    if not (np.isfinite(atol).all() and (atol >= 0).all()):
+        raise ValueError(f"atol = {atol}: every component must be finite and not negative")
+    return checked_number("rtol", rtol, above=0.0), atol
+
+
+def _raise_if_lost(problem: _Problem, t: np.ndarray, y: np.ndarray, setting: str) -> None:
     """Report the first state that is not finite or, in the exponential form, not positive."""
-    positive = form.startswith("exponential")
+    positive, s = problem.form.startswith("exponential"), problem.shift
     last = y[:, -1]
     if np.isfinite(last).all() and not (positive and (last + s <= 0).any()):
         return  # a component that is not finite, or zero, stays so
@@ -311,7 +336,9 @@ def _raise_if_lost(t: np.ndarray, y: np.ndarray, s: np.ndarray, form: str, metho
         which = int(np.argmax(lost[:, n]))
         finite = np.isfinite(y[which, n])
         what = "reached zero, where the exponential form ends," if finite else "blew up"
-        raise IntegrationError(f"{method}: component {which} {what} at t = {t[n]:.6g}, step {n}")
+        raise IntegrationError(
+            f"{problem.told(setting)}: component {which} {what} at t = {t[n]:.6g}, step {n}"
+        )
 
 
 def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
@@ -327,16 +354,9 @@ def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
 # --- which loop -------------------------------------------------------------------------------
 
 
-def _loop(
-    fun: RightHandSide,
-    tableau: Tableau,
-    form: str,
-    start: float,
-    y0: np.ndarray,
-    args: tuple,
-    adaptive: bool = False,
-) -> tuple[Callable, Callable]:
-    """Loop for this right-hand side, and what turns an array into a state as it takes it."""
+def _loop(problem: _Problem, adaptive: bool = False) -> tuple[Callable, Callable]:
+    """Return the loop for a right-hand side, and what makes an array the state it takes."""
+    fun, start, _, y0, tableau, form, _, args = problem
     if not is_jitted(fun):
         checked = lambda t, y, *args: _as_slope(fun(t, y, *args), y)  # noqa: E731
         return python_loop(checked, tableau, form, adaptive), np.asarray
