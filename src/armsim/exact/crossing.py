@@ -1,6 +1,6 @@
 """When a guard, a linear function of the state of a linear system, reaches one of its limits.
 
-The search never passes an crossing: from one time to the next it goes by steps for which a bound
+The search never passes a crossing: from one time to the next it goes by steps for which a bound
 proves that the guard keeps between its limits. Where a piece starts with a guard on a limit, its
 derivatives decide whether it leaves.
 """
@@ -166,20 +166,19 @@ def _first_derivative(g, here, z, w):
 
 
 @merged
-def _resolve(g, here, m, place, by_modes, w):
+def _resolve(g, here, m, place, modes, w):
     """Set the formula of a guard's value in the piece."""
-    modes = m.modes[place] if by_modes else 0
     w.drift[g] = 0.0
     for k in range(modes):
         w.c[g, k] = w.d[g, k] = 0.0
-    for j in range(0 if by_modes else TERMS):
+    for j in range(TERMS):
         w.change[g, j] = 0.0
     for i in range(w.slope.size):
         normal = here.normal[g, i]
         if normal == 0.0:
             continue
         integral = m.unit[place, i] == 0.0
-        if not by_modes:
+        if modes == 0:
             for j in range(TERMS):
                 w.change[g, j] += normal * w.taylor[j, i]
         elif integral:
@@ -198,6 +197,19 @@ def _resolve(g, here, m, place, by_modes, w):
         w.radius[g, k] = math.sqrt(disc.real**2 + disc.imag**2)
 
 
+@inlined
+def _box(rate, centre, radius):
+    """How far a mode alone can still lift and lower a guard from where it is.
+
+    It moves on a disc of this radius around `centre`, seen from where it is.
+    """
+    if rate.real > 0.0 or rate == 0.0:
+        return math.inf, math.inf
+    if rate.imag == 0.0:  # it goes straight to its rest, not around it
+        centre, radius = 0.5 * centre, 0.5 * radius
+    return radius - centre, radius + centre
+
+
 @merged
 def _gain_modal(g, m, place, s, rest, w):
     """Return gain and slope of a guard at `s`, the sizes of its terms, and how far the proof goes.
@@ -211,35 +223,29 @@ def _gain_modal(g, m, place, s, rest, w):
     gain, sizes, reach = w.drift[g] * s, abs(w.drift[g] * s), rest
     slope, curve, bend, twist = w.drift[g], 0.0, 0.0, 0.0
     for k in range(m.modes[place]):
-        proof[SLOPE, k], proof[CURVE, k], proof[BEND, k], proof[TWIST, k] = (
-            slope,
-            curve,
-            bend,
-            twist,
-        )
-        rate, inverse, size = m.rate[place, k], m.inverse[place, k], w.size[g, k]
-        up = down = steady = 0.0
-        if size != 0.0 or w.c[g, k] != 0.0:
-            power, first, second = modal.integrals(rate, inverse, s)
-            one, two = w.c[g, k] * first, w.d[g, k] * second
-            gain += one.real + two.real
-            sizes += abs(one.real) + abs(one.imag) + abs(two.real) + abs(two.imag)
-            slope += (w.c[g, k] * power + w.d[g, k] * first).real
-            curve += (w.curvature[g, k] * power).real
-            left = math.sqrt(power.real**2 + power.imag**2)
-            if rate.real > 0.0 or rate == 0.0:
-                up = down = math.inf
-                if rate.real > 0.0:
-                    reach = min(reach, 1.0 / rate.real)
-                    left *= math.exp(min(1.0, rate.real * rest))
-            else:
-                centre, radius = (w.disc[g, k] * power).real, w.radius[g, k] * left
-                if rate.imag == 0.0:  # it goes straight to its rest, not around it
-                    centre, radius = 0.5 * centre, 0.5 * radius
-                up, down, steady = radius - centre, radius + centre, -(w.d[g, k] * inverse).real
-            bend += size * left
-            twist += size * left * m.speed[place, k]
-        proof[UP, k], proof[DOWN, k], proof[STEADY, k] = up, down, steady
+        proof[SLOPE, k], proof[CURVE, k] = slope, curve
+        proof[BEND, k], proof[TWIST, k] = bend, twist
+        proof[UP, k] = proof[DOWN, k] = proof[STEADY, k] = 0.0
+        c, d, size = w.c[g, k], w.d[g, k], w.size[g, k]
+        if size == 0.0 and c == 0.0:
+            continue
+        rate, inverse = m.rate[place, k], m.inverse[place, k]
+        power, first, second = modal.integrals(rate, inverse, s)
+        one, two = c * first, d * second
+        gain += one.real + two.real
+        sizes += abs(one.real) + abs(one.imag) + abs(two.real) + abs(two.imag)
+        slope += (c * power + d * first).real
+        curve += (w.curvature[g, k] * power).real
+        left = math.sqrt(power.real**2 + power.imag**2)
+        centre = (w.disc[g, k] * power).real
+        proof[UP, k], proof[DOWN, k] = _box(rate, centre, w.radius[g, k] * left)
+        if rate.real < 0.0 or rate.imag != 0.0:
+            proof[STEADY, k] = -(d * inverse).real
+        if rate.real > 0.0:
+            reach = min(reach, 1.0 / rate.real)
+            left *= math.exp(min(1.0, rate.real * rest))
+        bend += size * left
+        twist += size * left * m.speed[place, k]
     k = m.modes[place]
     proof[SLOPE, k], proof[CURVE, k], proof[BEND, k], proof[TWIST, k] = slope, curve, bend, twist
     return gain, slope, sizes, reach
@@ -277,13 +283,22 @@ def _longest(room, slope, bend):
     return (root - slope) / bend if bend > 0.0 else math.inf
 
 
+@inlined
+def _carried_on(step, above, below, slope, curve, twist):
+    """Carry a step on to at most four times its length, by a bound of the third derivative."""
+    more = twist * 4.0 * step / 3.0
+    up = _longest(above, slope, max(0.0, more + curve))
+    down = _longest(below, -slope, max(0.0, more - curve))
+    return max(step, min(up, down, 4.0 * step))
+
+
 @merged
 def _safe_step(above, below, modes, rest, proof):
     """Longest time for which a guard provably keeps within the room above and below it.
 
     Each mode is either followed, by its slope and the bound of its second derivative, or boxed, by
     the farthest that it can move. Boxing the fastest modes, one more at a time, gives as many
-    proofs; the best counts. It is carried on with the second derivative and a bound of the third.
+    proofs; the best one is carried on.
     """
     best = best_above = best_below = tilt = boxed = 0.0
     followed = modes
@@ -299,23 +314,18 @@ def _safe_step(above, below, modes, rest, proof):
             return rest
         if step > best:
             best, best_above, best_below, tilt, followed = step, above, below, total, k
-    farther = 4.0 * best
-    more, curve = proof[TWIST, followed] * farther / 3.0, proof[CURVE, followed]
-    step = min(
-        _longest(best_above, tilt, max(0.0, more + curve)),
-        _longest(best_below, -tilt, max(0.0, more - curve)),
-    )
-    return min(max(best, min(step, farther)), rest)
+    curve, twist = proof[CURVE, followed], proof[TWIST, followed]
+    return min(_carried_on(best, best_above, best_below, tilt, curve, twist), rest)
 
 
 @merged
-def _prove(g, m, place, by_modes, lower, upper, end, w):
+def _prove(g, m, place, modes, lower, upper, end, w):
     """Carry the proof for a guard on by a step; return the side of a limit that it reaches, or 0.
 
     Then the proof ends at the crossing.
     """
-    modes, s = m.modes[place] if by_modes else 0, w.proven[g]
-    if by_modes:
+    s = w.proven[g]
+    if modes > 0:
         gain, slope, sizes, reach = _gain_modal(g, m, place, s, end - s, w)
     else:
         gain, slope, sizes, reach = _gain_series(g, s, end, w)
@@ -331,29 +341,35 @@ def _prove(g, m, place, by_modes, lower, upper, end, w):
     return 0
 
 
+@inlined
+def _series_bound(coefficients, order, end):
+    """Bound of the derivative of an order of Σ c_j u^(j+1), up to a time."""
+    bound = 0.0
+    for j in range(TERMS - 1, order - 2, -1):
+        size = abs(coefficients[j])
+        for factor in range(j - order + 2, j + 2):
+            size *= factor
+        bound = bound * end + size
+    return bound
+
+
 @merged
-def _clearance(g, m, place, by_modes, width, end, w):
+def _clearance(g, m, place, modes, width, end, w):
     """Time by which a guard that turns inwards is clear of its limit, and not yet at the other.
 
     In g ≥ |D| uᵒ/o! - bound uᵒ⁺¹/(o+1)! the first derivative D that is not zero, of order o, keeps
     the upper hand for a while.
     """
-    order, derivative, bound, u = w.order[g], w.derivative[g], 0.0, end
-    if by_modes:
-        for k in range(m.modes[place]):
-            rate, size = m.rate[place, k], w.size[g, k] * m.speed[place, k] ** (order - 1)
-            if rate.real > 0.0:
-                u = min(u, 1.0 / rate.real)
-                size *= math.exp(min(1.0, rate.real * end))
-            bound += size
-    else:
-        for j in range(TERMS - 1, order - 1, -1):
-            size = abs(w.change[g, j])
-            for factor in range(j - order + 1, j + 2):
-                size *= factor
-            bound = bound * end + size
+    order, derivative, u = w.order[g], w.derivative[g], end
+    bound = _series_bound(w.change[g], order + 1, end)
+    for k in range(modes):
+        rate, size = m.rate[place, k], w.size[g, k] * m.speed[place, k] ** (order - 1)
+        if rate.real > 0.0:
+            u = min(u, 1.0 / rate.real)
+            size *= math.exp(min(1.0, rate.real * end))
+        bound += size
     if derivative == 0.0:  # none is known from zero
-        return u if _rests(g, m, place, by_modes, u, w) else min(u, 1e-3 * m.reach[place])
+        return u if _rests(g, m, place, modes, u, w) else min(u, 1e-3 * m.reach[place])
     factorial = 1.0
     for factor in range(2, order + 1):
         factorial *= factor
@@ -362,39 +378,45 @@ def _clearance(g, m, place, by_modes, width, end, w):
     return min(u, (factorial * width / (3.0 * derivative)) ** (1.0 / order))
 
 
+@inlined
+def _farthest(coefficients, end):
+    """How far Σ c_j u^(j+1) can get up to a time."""
+    farthest = 0.0
+    for j in range(TERMS - 1, -1, -1):
+        farthest = (farthest + abs(coefficients[j])) * end
+    return farthest
+
+
 @compiled
-def _rests(g, m, place, by_modes, end, w):
+def _rests(g, m, place, modes, end, w):
     """Whether a guard provably keeps where it is, to within rounding."""
     farthest = abs(w.drift[g]) * end
-    for k in range(m.modes[place] if by_modes else 0):
+    for k in range(modes):
         if m.rate[place, k].real <= 0.0 and m.rate[place, k] != 0.0:
             farthest += 2.0 * w.radius[g, k] + abs(w.d[g, k] * m.inverse[place, k]) * end
         elif w.size[g, k] > 0.0 or w.c[g, k] != 0.0:
             return False
-    for j in range(0 if by_modes else TERMS):
-        farthest += abs(w.change[g, j]) * end ** (j + 1)
-    return farthest <= w.noise[g]
+    return farthest + _farthest(w.change[g], end) <= w.noise[g]
 
 
 @compiled
-def first_arrival(here, m, place, by_modes, end, w):
+def first_crossing(here, m, place, modes, end, w):
     """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side.
 
-    The proof is carried on for the guard for which it goes least far, until it goes to the end or
-    to the first crossing for all. After `MAX_SEARCH` steps it is `GIVEN_UP`.
+    The guard with the shortest proven interval is advanced, until all are proven to the end or to
+    the first crossing. After `MAX_SEARCH` steps it is `GIVEN_UP`.
     """
     guards = here.lower.size
     for g in range(guards):
-        lower, upper, farthest = here.lower[g], here.upper[g], 0.0
-        _resolve(g, here, m, place, by_modes, w)
+        lower, upper = here.lower[g], here.upper[g]
+        _resolve(g, here, m, place, modes, w)
         w.proven[g] = w.step[g] = 0.0
         if lower == -math.inf and upper == math.inf:
             w.proven[g] = end
         elif w.order[g] > 0:
-            w.proven[g] = _clearance(g, m, place, by_modes, upper - lower, end, w)
-        elif not by_modes:
-            for j in range(TERMS - 1, -1, -1):
-                farthest = (farthest + abs(w.change[g, j])) * end
+            w.proven[g] = _clearance(g, m, place, modes, upper - lower, end, w)
+        elif modes == 0:
+            farthest = _farthest(w.change[g], end)
             if lower + farthest < w.value[g] < upper - farthest:
                 w.proven[g] = end
     first, side = -1, 0
@@ -405,7 +427,7 @@ def first_arrival(here, m, place, by_modes, end, w):
                 g = other
         if guards == 0 or w.proven[g] >= end:
             return end, first, side
-        hit = _prove(g, m, place, by_modes, here.lower[g], here.upper[g], end, w)
+        hit = _prove(g, m, place, modes, here.lower[g], here.upper[g], end, w)
         if hit != 0:
             end, first, side = w.proven[g], g, hit
     return 0.0, GIVEN_UP, 0

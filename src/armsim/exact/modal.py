@@ -37,7 +37,7 @@ class Matrices(NamedTuple):
     A: np.ndarray  #: (k, n, n)
     unit: np.ndarray  #: (k, n) units of the states that balance it; 0 where no derivative feels one
     reach: np.ndarray  #: (k,) how far the Taylor series goes, in these units
-    modes: np.ndarray  #: (k,) number of modes kept; or `UNKNOWN`, `DEFECTIVE`
+    modes: np.ndarray  #: (k,) number of modes kept; 0 for the matrix 0; `UNKNOWN`, `DEFECTIVE`
     rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair the one with positive part
     inverse: np.ndarray  #: (k, n) complex 1/λ
     speed: np.ndarray  #: (k, n) |λ|
@@ -239,58 +239,113 @@ def eigen(A):
 
 
 @compiled
-def _blockwise(C, rate, V):
-    """Eigenvalues and eigenvectors of `C`, block by block; return whether they could be found.
-
-    States that act on each other in a circle make a block. Its eigenvectors go on into the states
-    that it drives, where (C - λ) v vanishes as well. Blocks are cheaper and more exact than all.
-    """
-    n, done = C.shape[0], 0
-    acts = np.empty((n, n), np.bool_)  # acts[i, j]: j acts on i, in the end through others
+def _influence(C):
+    """Which state acts on which, in the end through others: [i, j] says that j acts on i."""
+    n = C.shape[0]
+    acts = np.empty((n, n), np.bool_)
     for i in range(n):
         for j in range(n):
-            acts[i, j], V[i, j] = i == j or C[i, j] != 0.0, 0.0
+            acts[i, j] = i == j or C[i, j] != 0.0
     for k in range(n):
         for i in range(n):
             if acts[i, k]:
                 for j in range(n):
                     acts[i, j] = acts[i, j] or acts[k, j]
+    return acts
+
+
+@compiled
+def _extend(C, block, driven, value, v):
+    """Extend an eigenvector of a block into the states that it drives; return whether it exists."""
+    rest = _part(C, driven, driven)
+    for i in range(driven.size):
+        rest[i, i] -= value
+    inverse = np.empty_like(rest)
+    if _invert(rest, inverse) == math.inf:
+        return False
+    for j in range(driven.size):
+        drive = 0j
+        for k in block:
+            drive += C[driven[j], k] * v[k]
+        for i in range(driven.size):
+            v[driven[i]] -= inverse[i, j] * drive
+    return True
+
+
+@compiled
+def _blockwise(C, rate, V):
+    """Eigenvalues and eigenvectors of `C`, block by block; return whether they could be found.
+
+    States that are coupled in a loop form a block. The eigenvectors of a block are extended into
+    the states that it drives, where (C - λ) v vanishes as well. Small blocks cost less than the
+    whole matrix and lose fewer digits.
+    """
+    n, done, acts = C.shape[0], 0, _influence(C)
     for first in range(n):
         block = _indices(acts[:, first] & acts[first, :])
+        driven = _indices(acts[:, first] & ~acts[first, :])
         if block[0] < first:
             continue
-        driven = _indices(acts[:, first] & ~acts[first, :])
         values, vectors, failed = eigen(_part(C, block, block).real)
         if failed:
             return False
-        drive = _product(_part(C, driven, block), vectors)
-        inverse = np.empty((driven.size, driven.size), np.complex128)
         for k in range(block.size):
-            rate[done] = values[k]
+            v = np.zeros(n, np.complex128)
             for i in range(block.size):
-                V[block[i], done] = vectors[i, k]
-            if driven.size > 0:
-                rest = _part(C, driven, driven)
-                for i in range(driven.size):
-                    rest[i, i] -= values[k]
-                if _invert(rest, inverse) == math.inf:
-                    return False
-                for i in range(driven.size):
-                    for j in range(driven.size):
-                        V[driven[i], done] -= inverse[i, j] * drive[j, k]
+                v[block[i]] = vectors[i, k]
+            if driven.size > 0 and not _extend(C, block, driven, values[k], v):
+                return False
             largest = 0.0
             for i in range(n):
-                largest = max(largest, _size(V[i, done]))
+                largest = max(largest, _size(v[i]))
+            rate[done], largest = values[k], math.sqrt(largest)
             for i in range(n):
-                V[i, done] /= math.sqrt(largest)
+                V[i, done] = v[i] / largest
             done += 1
     return True
 
 
 @compiled
+def _polish(C, V, W, rate, noise):
+    """Improve eigenvalues, eigenvectors and their inverse `W` by a Newton step.
+
+    All eigenvalues come with the rounding error of the largest. W C V shows what each still lacks,
+    and how much of the other eigenvectors each contains. Gaps below `noise` are left alone.
+    """
+    D = _product(W, _product(C, V))
+    X = np.zeros_like(D)
+    for i in range(rate.size):
+        rate[i] = D[i, i]
+        for j in range(rate.size):
+            gap = D[j, j] - D[i, i]
+            if _size(gap) > noise * noise and _size(D[i, j]) < 1e-6 * _size(gap):
+                X[i, j] = D[i, j] / gap
+    V += _product(V, X)
+    W -= _product(X, W)
+
+
+@compiled
+def _keep(m, place, slot, value, weight, v, w, core):
+    """Store a mode: its rate, and the ways from slopes to its amplitude and on to the states."""
+    A, unit = m.A[place], m.unit[place]
+    m.rate[place, slot] = value
+    m.inverse[place, slot] = 1.0 / value if value != 0.0 else value
+    m.speed[place, slot] = abs(value)
+    for i in range(unit.size):
+        m.row[place, slot, i] = m.column[place, i, slot] = 0.0
+    for i in range(core.size):
+        m.row[place, slot, core[i]] = w[i] / unit[core[i]]
+        m.column[place, core[i], slot] = weight * v[i] * unit[core[i]]
+    for i in range(unit.size):
+        if unit[i] == 0.0:  # an integral of the others: the amplitude in its second derivative
+            for j in core:
+                m.column[place, i, slot] += A[i, j] * m.column[place, j, slot]
+
+
+@compiled
 def decompose(m, place):
     """Find the modal form of a matrix, or mark it as near-defective."""
-    A, unit, n = m.A[place], m.unit[place], m.unit.shape[1]
+    A, unit = m.A[place], m.unit[place]
     core = _indices(unit > 0.0)
     size = core.size
     C = np.empty((size, size), np.complex128)
@@ -301,18 +356,7 @@ def decompose(m, place):
     m.modes[place] = DEFECTIVE
     if not _blockwise(C, rate, V) or not _invert(V.copy(), W) < WELL_CONDITIONED**2:
         return
-    # A Newton step. All eigenvalues come with the rounding error of the largest; W C V shows what
-    # each still lacks, and how much of the other eigenvectors each has in it.
-    D = _product(W, _product(C, V))
-    X, noise = np.zeros_like(D), 1e-13 / m.reach[place]
-    for i in range(size):
-        rate[i] = D[i, i]
-        for j in range(size):
-            gap = D[j, j] - D[i, i]
-            if _size(gap) > noise * noise and _size(D[i, j]) < 1e-6 * _size(gap):
-                X[i, j] = D[i, j] / gap
-    V += _product(V, X)
-    W -= _product(X, W)
+    _polish(C, V, W, rate, 1e-13 / m.reach[place])
     kept = total = 0
     for _ in range(size):
         k = 0
@@ -326,18 +370,7 @@ def decompose(m, place):
         if weight == 2 and value.imag < 0.0:
             continue
         value = value if weight == 2 else complex(value.real)
-        m.rate[place, kept] = value
-        m.inverse[place, kept] = 1.0 / value if value != 0.0 else value
-        m.speed[place, kept] = abs(value)
-        for i in range(n):
-            m.row[place, kept, i] = m.column[place, i, kept] = 0.0
-        for i in range(size):
-            m.row[place, kept, core[i]] = W[k, i] / unit[core[i]]
-            m.column[place, core[i], kept] = weight * V[i, k] * unit[core[i]]
-        for i in range(n):
-            if unit[i] == 0.0:  # an integral of the others: the amplitude in its second derivative
-                for j in core:
-                    m.column[place, i, kept] += A[i, j] * m.column[place, j, kept]
+        _keep(m, place, kept, value, weight, V[:, k], W[k], core)
         kept, total = kept + 1, total + weight
     if total == size:
         m.modes[place] = kept
@@ -401,10 +434,10 @@ def set_taylor(A, slope, taylor):
 
 
 @compiled
-def advance(m, place, by_modes, state, slope, amplitude, taylor, u, out):
+def advance(m, place, state, slope, amplitude, taylor, u, out):
     """State `out` at a time `u` after the start of a piece."""
     n = out.size
-    if not by_modes:
+    if m.modes[place] <= 0:
         for i in range(n):
             total = 0.0
             for j in range(TERMS - 1, -1, -1):

@@ -40,7 +40,7 @@ class Record(NamedTuple):
 
     status: int  #: `FINISHED` or why not
     start: np.ndarray  #: (p, 1 + 2n) of each piece: time, state, slope
-    label: np.ndarray  #: (p, 3) of each piece: mode, place of its matrix, 1 modal or 0 series
+    label: np.ndarray  #: (p, 2) of each piece: mode, place of its matrix
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     matrices: Matrices
@@ -56,37 +56,43 @@ def _run_piece(here, m, place, h, z, w):
 
     Where a guard leaves at once, or the search for the next is given up, the length is 0.
     """
-    n = z.size
     guard, side = crossing.stand(here, z, w)
     if guard >= 0:
         return 0.0, guard, side
     if m.modes[place] == UNKNOWN:
         modal.decompose(m, place)
-    by_modes = m.modes[place] >= 0
-    if by_modes:
-        modal.set_amplitudes(m, place, w.slope, w.amplitude)
-    else:
-        modal.set_taylor(here.A, w.slope, w.taylor)
+    modes = max(m.modes[place], 0)
+    _set_formula(m, place, w.slope, w)
+    if modes == 0:
         h = min(h, m.reach[place])
-    h, guard, side = crossing.first_arrival(here, m, place, by_modes, h, w)
+    h, guard, side = crossing.first_crossing(here, m, place, modes, h, w)
     if guard == crossing.GIVEN_UP:
         return h, guard, side
-    for i in range(n):
+    for i in range(z.size):
         w.state[i] = z[i]
-    modal.advance(m, place, by_modes, w.state, w.slope, w.amplitude, w.taylor, h, z)
+    modal.advance(m, place, w.state, w.slope, w.amplitude, w.taylor, h, z)
     if guard >= 0:
-        crossing.put_at_limit(
-            here.normal[guard], here.upper[guard] if side > 0 else here.lower[guard], z
-        )
+        limit = here.upper[guard] if side > 0 else here.lower[guard]
+        crossing.put_at_limit(here.normal[guard], limit, z)
     return h, guard, side
 
 
 @compiled
-def _longer(rows):
+def _set_formula(m, place, slope, w):
+    """Set what the state in a piece is a sum of."""
+    if m.modes[place] > 0:
+        modal.set_amplitudes(m, place, slope, w.amplitude)
+    else:
+        modal.set_taylor(m.A[place], slope, w.taylor)
+
+
+@compiled
+def _with_room(rows, count):
+    """Rows with room for one more than `count`: themselves, or a copy of twice the length."""
+    if count < rows.shape[0]:
+        return rows
     longer = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
-    for i in range(rows.shape[0]):
-        for j in range(rows.shape[1]):
-            longer[i, j] = rows[i, j]
+    longer[:count] = rows
     return longer
 
 
@@ -137,7 +143,7 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         np.empty(sizes[0]),
     )
     m, w = modal.room_for(sizes[1], n), crossing.work_room(n, sizes[0])
-    start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 3), np.int64)
+    start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 2), np.int64)
     event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
     pieces = events = at_once = known = interval = place = 0
     t, status, new, found = starts[0], FINISHED, True, mode - 1
@@ -151,20 +157,13 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         if new:
             equations(mode, u, constants, here)
             new = False
-            if mode != found:
-                place, found = modal.find(here.A, m, known), mode
-                known = max(known, place + 1)
-                if place < 0:
-                    status = TOO_MANY_MATRICES
-                    break
-        if not crossing.set_slope(here, z, w.slope):
-            status = NOT_FINITE
+        if mode != found:
+            place, found = modal.find(here.A, m, known), mode
+            known = max(known, place + 1)
+        if place < 0 or pieces == limits[1] or not crossing.set_slope(here, z, w.slope):
+            status = _obstacle(place, pieces == limits[1])
             break
-        if pieces == limits[1]:
-            status = TOO_MANY_PIECES
-            break
-        if pieces == start.shape[0]:
-            start, label = _longer(start), _longer(label)
+        start, label = _with_room(start, pieces), _with_room(label, pieces)
         start[pieces, 0] = t
         for i in range(n):
             start[pieces, 1 + i], start[pieces, 1 + n + i] = z[i], w.slope[i]
@@ -173,23 +172,29 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
             status = SEARCH_TOO_LONG
             break
         if h > 0.0:
-            label[pieces, 0], label[pieces, 1], label[pieces, 2] = mode, place, m.modes[place] >= 0
+            label[pieces, 0], label[pieces, 1] = mode, place
             pieces += 1
             at_once = at_once if t + h == t else 0
             t = until if guard < 0 and h == until - t else t + h
             continue
-        at_once += 1
-        if events == event.shape[0]:
-            event_time, event = _longer(event_time), _longer(event)
+        event_time, event = _with_room(event_time, events), _with_room(event, events)
         event_time[events, 0] = t
         event[events, 0], event[events, 1], event[events, 2] = guard, side, mode
         mode, new = successor(mode, guard, side, z, constants), True
         event[events, 3] = mode
-        events += 1
+        at_once, events = at_once + 1, events + 1
         if at_once > AT_ONCE or events > limits[0]:
             status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
             break
     return Record(status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t)
+
+
+@compiled
+def _obstacle(place, all_pieces):
+    """Return why a piece cannot begin."""
+    if place < 0:
+        return TOO_MANY_MATRICES
+    return TOO_MANY_PIECES if all_pieces else NOT_FINITE
 
 
 @compiled
@@ -199,14 +204,12 @@ def sample(record, times, out):
     w = crossing.work_room(n, 0)
     for j in range(times.size):
         piece = _piece_at(record, times[j])
-        place, by_modes = record.label[piece, 1], record.label[piece, 2] == 1
+        place, u = record.label[piece, 1], times[j] - record.start[piece, 0]
         state, slope = record.start[piece, 1 : n + 1], record.start[piece, n + 1 :]
-        if piece != last and by_modes:
-            modal.set_amplitudes(m, place, slope, w.amplitude)
-        elif piece != last:
-            modal.set_taylor(m.A[place], slope, w.taylor)
-        last, u = piece, times[j] - record.start[piece, 0]
-        modal.advance(m, place, by_modes, state, slope, w.amplitude, w.taylor, u, w.state)
+        if piece != last:
+            _set_formula(m, place, slope, w)
+        last = piece
+        modal.advance(m, place, state, slope, w.amplitude, w.taylor, u, w.state)
         for i in range(n):
             out[i, j] = w.state[i]
 
