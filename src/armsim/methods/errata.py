@@ -292,14 +292,20 @@ class _Versions:
 # --- search -----------------------------------------------------------------------------------
 
 
-def _heads(stages: Sequence[_Versions]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Nodes, as residues, and versions of all but the last stage that satisfy q = 0."""
-    heads: list[tuple[tuple[int, ...], tuple[int, ...]]] = [((0,), ())]
+class _Head(NamedTuple):
+    """Rows of all stages but the last that satisfy q = 0."""
+
+    nodes: tuple[int, ...] = (0,)  # of all these stages, as residues
+    versions: tuple[int, ...] = ()  # of the rows below the first
+
+
+def _heads(stages: Sequence[_Versions]) -> list[_Head]:
+    heads = [_Head()]
     for stage in stages:
         heads = [
-            ((*nodes, int(stage.sums[k])), (*chosen, int(k)))
-            for nodes, chosen in heads
-            for k in stage.tied(nodes)
+            _Head((*head.nodes, int(stage.sums[k])), (*head.versions, int(k)))
+            for head in heads
+            for k in stage.tied(head.nodes)
         ]
     return heads
 
@@ -316,30 +322,37 @@ def _consistent(weights: _Versions) -> dict[tuple[Fraction, ...], int]:
 
 
 def _complete(
-    heads: Sequence[tuple[tuple[int, ...], tuple[int, ...]]],
+    heads: Sequence[_Head],
     stages: Sequence[_Versions],
     weights: _Versions,
     consistent: Sequence[int],
     order: int,
 ) -> Iterator[tuple[int, ...]]:
     """Versions of all rows that satisfy q = 0 and the quadrature conditions up to `order`."""
-    nodes = np.array([head for head, _ in heads], dtype=np.int64).reshape(-1, len(stages))
+    nodes = np.array([head.nodes for head in heads], dtype=np.int64).reshape(-1, len(stages))
     *b, last = weights.residues[:, consistent]
-    # The last stage has to contribute moments[k] = b_s c_s^(k+1): what the others leave.
-    moments, powers = [], np.ones_like(nodes)
-    for k in range(1, order):
-        powers = powers * nodes % _PRIME
-        moments.append((pow(k + 1, -1, _PRIME) - powers @ np.array(b)) % _PRIME)
+    moments = _moments(nodes, np.array(b), order)
     possible = np.ones((len(heads), len(consistent)), dtype=bool)
-    for one, next_one in pairwise(moments):
+    for one, next_one in pairwise(moments):  # their ratio is the last node, always the same
         possible &= (moments[0] * one - last * next_one) % _PRIME == 0
     for h in map(int, np.flatnonzero(possible.any(axis=1))):
-        above, chosen = heads[h]
-        tied = stages[-1].tied(above)
+        tied = stages[-1].tied(heads[h].nodes)
         for w in map(int, np.flatnonzero(possible[h])):
-            node = stages[-1].sums[tied] * last[w] % _PRIME
-            for k in tied[node == moments[0][h, w]] if moments else tied:
-                yield (*chosen, int(k), consistent[w])
+            first = stages[-1].sums[tied] * last[w] % _PRIME
+            for k in tied[first == moments[0][h, w]] if moments else tied:
+                yield (*heads[h].versions, int(k), consistent[w])
+
+
+def _moments(nodes: np.ndarray, b: np.ndarray, order: int) -> list[np.ndarray]:
+    """For k = 1 … order - 1 what the last stage has to contribute to Σ b_i c_i^k = 1/(k + 1).
+
+    One row a head, one column for each of the weights.
+    """
+    powers, found = np.ones_like(nodes), []
+    for k in range(1, order):
+        powers = powers * nodes % _PRIME
+        found.append((pow(k + 1, -1, _PRIME) - powers @ b) % _PRIME)
+    return found
 
 
 def _repairs(
