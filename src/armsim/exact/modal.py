@@ -165,34 +165,8 @@ def _invert(V, W):
 
 
 @compiled
-def _product(A, B):
-    """Product of two small matrices, which starts no library."""
-    product = np.zeros((A.shape[0], B.shape[1]), np.complex128)
-    for i in range(A.shape[0]):
-        for k in range(A.shape[1]):
-            if A[i, k] != 0.0:
-                for j in range(B.shape[1]):
-                    product[i, j] += A[i, k] * B[k, j]
-    return product
-
-
-@compiled
-def _indices(mask):
-    found, count = np.empty(mask.size, np.int64), 0
-    for i in range(mask.size):
-        if mask[i]:
-            found[count] = i
-            count += 1
-    return found[:count]
-
-
-@compiled
 def _part(C, rows, columns):
-    part = np.empty((rows.size, columns.size), np.complex128)
-    for i in range(rows.size):
-        for j in range(columns.size):
-            part[i, j] = C[rows[i], columns[j]]
-    return part
+    return C[rows][:, columns]
 
 
 # LAPACK's solver for real matrices, from SciPy. Numba's np.linalg.eig takes complex ones only where
@@ -282,8 +256,8 @@ def _blockwise(C, rate, V):
     """
     n, done, acts = C.shape[0], 0, _influence(C)
     for first in range(n):
-        block = _indices(acts[:, first] & acts[first, :])
-        driven = _indices(acts[:, first] & ~acts[first, :])
+        block = np.flatnonzero(acts[:, first] & acts[first, :])
+        driven = np.flatnonzero(acts[:, first] & ~acts[first, :])
         if block[0] < first:
             continue
         values, vectors, failed = eigen(_part(C, block, block).real)
@@ -312,7 +286,7 @@ def _polish(C, V, W, rate, noise):
     All eigenvalues come with the rounding error of the largest. W C V shows what each still lacks,
     and how much of the other eigenvectors each contains. Gaps below `noise` are left alone.
     """
-    D = _product(W, _product(C, V))
+    D = W @ (C @ V)
     X = np.zeros_like(D)
     for i in range(rate.size):
         rate[i] = D[i, i]
@@ -320,8 +294,8 @@ def _polish(C, V, W, rate, noise):
             gap = D[j, j] - D[i, i]
             if _size(gap) > noise * noise and _size(D[i, j]) < 1e-6 * _size(gap):
                 X[i, j] = D[i, j] / gap
-    V += _product(V, X)
-    W -= _product(X, W)
+    V += V @ X
+    W -= X @ W
 
 
 @compiled
@@ -346,7 +320,7 @@ def _keep(m, place, slot, value, weight, v, w, core):
 def decompose(m, place):
     """Find the modal form of a matrix, or mark it as near-defective."""
     A, unit = m.A[place], m.unit[place]
-    core = _indices(unit > 0.0)
+    core = np.flatnonzero(unit > 0.0)
     size = core.size
     C = np.empty((size, size), np.complex128)
     V, W, rate = np.empty_like(C), np.empty_like(C), np.empty(size, np.complex128)
