@@ -51,6 +51,11 @@ class Trajectory:
         return self.solution.y
 
     @property
+    def t_end(self) -> float:
+        """End of the run in s."""
+        return float(self.solution.end)
+
+    @property
     def nfev(self) -> int:
         """Right-hand-side evaluations; an exact run makes none."""
         return self.solution.nfev
@@ -115,6 +120,11 @@ class Steps:
     y: np.ndarray
     nfev: int
     events: tuple = ()  #: the method knows of none
+
+    @property
+    def end(self) -> float:
+        """Time of the last step in s."""
+        return float(self.t[-1])
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """States at the times `t` by cubic Hermite interpolation."""
