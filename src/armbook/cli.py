@@ -3,12 +3,6 @@
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-_ADVICE = """\
-armsim: the report's command line needs the packages of the book ({missing} is missing).
-Install them with: pip install 'armsim[book]'
-"""
-
 
 def main(arguments: list[str] | None = None) -> int:
     """Run ``armsim list``, ``rerun`` or ``check``; see `reportkit.cli.main`."""
@@ -16,12 +10,14 @@ def main(arguments: list[str] | None = None) -> int:
         from reportkit import cli
         from reportkit.project import Project, ProjectError
     except ModuleNotFoundError as error:
-        sys.stderr.write(_ADVICE.format(missing=error.name))
+        print(f"armsim: this command needs the packages of the book ({error.name} is missing): "
+              "pip install 'armsim[book]'", file=sys.stderr)  # fmt: skip
         return 2
     try:
-        project = Project.read(ROOT)
+        project = Project.find(Path(__file__))
     except ProjectError:
-        sys.stderr.write("armsim: the notebooks come with the repository, not with the package\n")
+        print("armsim: the notebooks come with the repository, not with the package",
+              file=sys.stderr)  # fmt: skip
         return 2
     return cli.main(arguments, project)
 

@@ -5,12 +5,13 @@ but some of their columns are rounding errors, which differ from machine to mach
 """
 
 import json
-import os
-import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from reportkit import text
+from reportkit.text import number
 
 #: Of a float recorded without a tolerance; anything else then has to be equal.
 DEFAULT_RELATIVE = 1e-9
@@ -30,11 +31,11 @@ class Comparison:
 
     @property
     def difference(self) -> float | None:
-        """How much more it is than expected; None unless both are numbers."""
-        values = [record["value"] for record in (self.expected, self.got) if record]
-        if len(values) < 2 or any(isinstance(value, bool | str) for value in values):
+        """The recorded value minus the expected one; None unless both are numbers."""
+        old, new = ((side or {}).get("value", "") for side in (self.expected, self.got))
+        if isinstance(old, bool | str) or isinstance(new, bool | str):
             return None
-        return values[1] - values[0]
+        return new - old
 
     @property
     def relative(self) -> float | None:
@@ -45,47 +46,42 @@ class Comparison:
 
     @property
     def moved(self) -> str:
-        """What differs by more than is tolerated: value, unit, tolerance, or nothing."""
-        if self.expected is None:
-            return "new"
-        if self.got is None:
-            return "missing"
+        """What differs by more than its tolerance: value, unit, tolerance, or nothing."""
+        if self.expected is None or self.got is None:
+            return "missing" if self.expected else "new"
         if self.expected["unit"] != self.got["unit"]:
             return "unit"
         if _rule(self.expected) != _rule(self.got):
             return "tolerance"  # or a notebook could loosen its own test
-        return "" if self._agrees() else "value"
+        return "" if self._agrees(self.expected, self.got) else "value"
 
-    def _agrees(self) -> bool:
-        assert self.expected is not None and self.got is not None
-        if not self.expected.get("compared", True):
+    def _agrees(self, expected: Record, got: Record) -> bool:
+        if not expected.get("compared", True):
             return True
-        expected, got = self.expected["value"], self.got["value"]
+        old, new = expected["value"], got["value"]
         if self.difference is None:
-            return type(expected) is type(got) and expected == got
-        return abs(self.difference) <= _allowed(self.expected)
+            return type(old) is type(new) and old == new
+        return abs(self.difference) <= _allowed(expected)
 
     def row(self) -> list[str]:
-        """Cells of the table that tells what moved."""
-        sides = [self.expected, self.got]
-        rules = [_tolerance(side) for side in sides if side]
-        unit = self.moved == "unit"
-        return [
-            self.name,
-            *(number(side["value"], side["unit"] if unit else None) if side else "–"
-              for side in sides),
-            " → ".join(dict.fromkeys(rules)),
-            f"{self.study}{f', {self.moved}' if self.moved != 'value' else ''}",
-        ]  # fmt: skip
+        """Return name, expected, got, tolerance and notebook, the cells of a table."""
+        sides, moved = (self.expected, self.got), self.moved
+        values = (
+            number(side["value"], side["unit"] if moved == "unit" else None) if side else "–"
+            for side in sides
+        )
+        rules = dict.fromkeys(_tolerance(side) for side in sides if side)
+        where = self.study if moved == "value" else f"{self.study}, {moved}"
+        return [self.name, *values, " → ".join(rules), where]
 
-
-def compared(pair: Comparison) -> list[str]:
-    """Name, both values, difference, its share and unit of a comparison, as texts."""
-    sides = [number(side["value"], digits=6) if side else "–" for side in (pair.expected, pair.got)]
-    difference = "" if pair.difference is None else f"{pair.difference:+.3g}"
-    share = "" if pair.relative is None else f"{100 * pair.relative:+.3g} %"
-    unit = (pair.got or pair.expected or {})["unit"] or ""
-    return [pair.name, *sides, difference, share, "" if unit == "1" else unit]
+    def change(self) -> list[str]:
+        """Return name, both values, difference, relative difference and unit, as texts."""
+        sides = self.expected, self.got
+        values = (number(side["value"], digits=6) if side else "–" for side in sides)
+        difference = "" if self.difference is None else f"{self.difference:+.3g}"
+        share = "" if self.relative is None else f"{100 * self.relative:+.3g} %"
+        unit = (self.got or self.expected or {})["unit"] or ""
+        return [self.name, *values, difference, share, "" if unit == "1" else unit]
 
 
 def compare(study: str, expected: Records, got: Records) -> list[Comparison]:
@@ -108,11 +104,12 @@ def compare_folders(results: Path, expected: Path) -> list[Comparison]:
     """
     built, wanted = load_all(results), load_all(expected)
     if not built:
-        raise FileNotFoundError(f"no results in {results}: build them first with make book")
-    pairs = []
-    for study in sorted(built | wanted):
-        pairs += compare(study, wanted.get(study, {}), built.get(study, {}))
-    return pairs
+        raise FileNotFoundError(f"no results in {results}: build them first")
+    return [
+        pair
+        for study in sorted(built | wanted)
+        for pair in compare(study, wanted.get(study, {}), built.get(study, {}))
+    ]
 
 
 def update(pairs: Sequence[Comparison], expected: Path) -> None:
@@ -126,7 +123,7 @@ def update(pairs: Sequence[Comparison], expected: Path) -> None:
         }
         path = expected / f"{study}.json"
         if records:
-            replace_text(path, to_json(records))
+            text.write(path, text.to_json(records))
         else:
             path.unlink()
 
@@ -152,34 +149,6 @@ def load(path: Path) -> dict[str, Any]:
 def load_all(folder: Path) -> dict[str, dict[str, Any]]:
     """Read the records of every study in a folder, by study."""
     return {path.stem: load(path) for path in sorted(folder.glob("[0-9][0-9]_*.json"))}
-
-
-def to_json(records: Any) -> str:
-    """Text of the file that keeps records."""
-    return json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a file so that it is there as a whole or not at all."""
-    with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as folder:
-        part = Path(folder, path.name)
-        part.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(part, path)
-
-
-def number(value: Any, unit: str | None = None, digits: int = 12) -> str:
-    """Text of a recorded value, with its unit if it has one."""
-    text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
-    return text if unit in (None, "1") else f"{text} {unit}"
-
-
-def layout(rows: Iterable[Sequence[str]]) -> str:
-    """Set rows, the first being the heading, in columns."""
-    rows = list(rows)
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    rows.insert(1, ["-" * width for width in widths])
-    pad = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
-    return "\n".join("  ".join(row).rstrip() for row in pad)
 
 
 def _rule(record: Record) -> tuple[Any, ...]:

@@ -16,14 +16,16 @@ import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from reportkit import figures
-from reportkit.check import load_all, replace_text
+from reportkit import figures, text
+from reportkit.check import load_all
 from reportkit.project import Project
 
 CONFIRMED, CORRECTED = "confirmed", "confirmed with a correction"
 REFUTED, UNTESTABLE = "refuted", "cannot be tested"
 VERDICTS = (CONFIRMED, CORRECTED, REFUTED, UNTESTABLE)
-_RELATIONS = {"equals": "=", "above": ">", "below": "<"}
+_RELATIONS = {"equals": "", "above": "> ", "below": "< "}
+
+HEADING = ["the paper says", "required", "measured", "difference", "tolerance", "verdict"]
 
 Records = Mapping[str, Mapping[str, Mapping[str, Any]]]  #: study, name, record
 
@@ -96,16 +98,12 @@ class Test:
         value, bound = _number(records, self.value), self.bound(records)
         unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
         unit = "" if unit == "1" else f" {unit}"
-        relation = "" if self.relation == "equals" else f"{_RELATIONS[self.relation]} "
-        texts = [f"{number:{self.format}}" for number in (bound, value)]
-        difference = f"{value - bound:+{self.format}}"
         tolerance = "exact" if self.exact else f"{self.tolerance:g}{unit}"
-        limit = "one-sided" if relation else tolerance
         return (
-            f"{relation}{texts[0]}{unit}",
-            f"{texts[1]}{unit}",
-            f"{difference}{unit}".replace("-", "−"),
-            limit,
+            f"{_RELATIONS[self.relation]}{bound:{self.format}}{unit}",
+            f"{value:{self.format}}{unit}",
+            f"{value - bound:+{self.format}}{unit}".replace("-", "−"),
+            tolerance if self.relation == "equals" else "one-sided",
         )
 
 
@@ -195,20 +193,16 @@ def _number(records: Records, place: str) -> float:
 
 def table(claims: Iterable[Claim], records: Records) -> str:
     """Table of the claims and their verdicts, for a page in the folder of the pages."""
-    lines = [
-        "| the paper | says | we measure | difference | tolerance | verdict |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
+    rows = []
     for claim in claims:
         verdict = claim.verdict(records)
         tests = [*claim.tests, *(claim.corrected if verdict == CORRECTED else ())]
         columns = list(zip(*(test.row(records) for test in tests), strict=True))
         cells = ["<br>".join(column) for column in columns] or ["–"] * 4
-        said = f"{claim.text} ({claim.where})"
-        told = f"**{verdict}**: {claim.note}" if claim.note else f"**{verdict}**"
-        told += f" ({{doc}}`shown here <{claim.page}>`)"
-        lines.append("| " + " | ".join([said, *cells, told]) + " |")
-    return "\n".join(lines) + "\n"
+        note = f": {claim.note}" if claim.note else ""
+        told = f"**{verdict}**{note} ({{doc}}`shown here <{claim.page}>`)"
+        rows.append([f"{claim.text} ({claim.where})", *cells, told])
+    return text.markdown_table(HEADING, rows)
 
 
 def summary(claims: Sequence[Claim], records: Records) -> str:
@@ -253,15 +247,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures.use()
     try:
         claims, records = load(Project.find().claims), load_all(results)
-        replace_text(results / "verdicts-summary.md", summary(claims, records))
-        figures.save(figure(claims, records), results / "verdicts.svg")
-        rows = [(claim.name, claim.where, claim.verdict(records)) for claim in claims]
-        data = pd.DataFrame(rows, columns=["claim", "where", "verdict"])
-        replace_text(results / "verdicts.csv", data.to_csv(index=False, lineterminator="\n"))
-        replace_text(results / "verdicts.md", table(claims, records))
+        verdicts = [(claim.name, claim.where, claim.verdict(records)) for claim in claims]
     except ClaimError as error:
         print(f"claims.toml: {error}", file=sys.stderr)
         return 1
+    frame = pd.DataFrame(verdicts, columns=["claim", "where", "verdict"])
+    figures.save(figure(claims, records), results / "verdicts.svg")
+    text.write(results / "verdicts-summary.md", summary(claims, records))
+    text.write(results / "verdicts.csv", frame.to_csv(index=False, lineterminator="\n"))
+    text.write(results / "verdicts.md", table(claims, records))  # last: make takes it for all
     return 0
 
 

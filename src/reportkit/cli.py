@@ -4,7 +4,6 @@ What is slow to import is imported by the command that needs it.
 """
 
 import json
-import os
 import shutil
 import signal
 import sys
@@ -15,12 +14,13 @@ from typing import Any
 
 import click
 
-from reportkit import check, parameters
+from reportkit import check, parameters, text
 from reportkit.check import Comparison
 from reportkit.parameters import Notebook, ParameterError
 from reportkit.project import Project, ProjectError
 
 CHANGED, MISUSED, INTERRUPTED = 1, 2, 130
+Folder = click.Path(path_type=Path)
 
 
 def main(arguments: list[str] | None = None, project: Project | None = None) -> int:
@@ -29,49 +29,32 @@ def main(arguments: list[str] | None = None, project: Project | None = None) -> 
     It is 0 if all went well, 1 if a notebook failed or a value moved, 2 if the command makes no
     sense, 130 after an interruption.
     """
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
         project = project or Project.find()
-        return commands.main(arguments, project.name, standalone_mode=False, obj=project) or 0
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
     except ProjectError as error:
         print(error, file=sys.stderr)
         return MISUSED
+    try:
+        return commands.main(arguments, project.name, standalone_mode=False, obj=project) or 0
+    except ParameterError as error:
+        print(f"{project.name} {arguments[0]}: {error}", file=sys.stderr)
+        return MISUSED
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
     except click.Abort:
         return INTERRUPTED
-    except BrokenPipeError:  # the reader, head for instance, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
 
 
-class _Misuse(click.ClickException):
-    exit_code = MISUSED
-
-    def show(self, file: Any = None) -> None:
-        """Tell it in one line."""
-        print(self.message, file=file or sys.stderr)
-
-
-class _Commands(click.Group):
-    def invoke(self, context: click.Context) -> Any:
-        """Run a command; a parameter that is not allowed is told with the command's name."""
-        try:
-            return super().invoke(context)
-        except ParameterError as error:
-            place = f"{context.command_path} {context.invoked_subcommand}"
-            raise _Misuse(f"{place}: {error}") from None
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
 def commands() -> None:
     """Rerun the report's notebooks with other parameters; check what was built."""
 
 
 _NOTEBOOKS = click.option(
-    "--notebooks", type=click.Path(path_type=Path), metavar="DIR",
-    help="Where the notebooks are; by default those of the report.",
-)  # fmt: skip
+    "--notebooks", type=Folder, metavar="DIR", help="Notebooks other than the report's."
+)
 
 
 @commands.command("list")
@@ -82,15 +65,13 @@ _NOTEBOOKS = click.option(
 def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | None) -> None:
     """Show the notebooks and their parameters, or those of one."""
     folder = notebooks or project.notebooks
-    if name:
-        found = [parameters.find(name, folder)]
-    else:
-        found = [parameters.read(path) for path in parameters.sources(folder)]
+    paths = [] if name else parameters.sources(folder)
+    found = [parameters.find(name, folder)] if name else [parameters.read(path) for path in paths]
     if as_json:
-        print(json.dumps([_described(notebook) for notebook in found], indent=1))
-        return
-    width = min(shutil.get_terminal_size((88, 24)).columns, 100)
-    print("\n".join(_shown(notebook, width) for notebook in found), end="")
+        click.echo(json.dumps([_described(notebook) for notebook in found], indent=1))
+    else:
+        width = min(shutil.get_terminal_size((88, 24)).columns, 100)
+        click.echo("\n".join(_shown(notebook, width) for notebook in found), nl=False)
 
 
 def _described(notebook: Notebook) -> dict[str, Any]:
@@ -104,15 +85,14 @@ def _described(notebook: Notebook) -> dict[str, Any]:
 
 
 def _shown(notebook: Notebook, width: int) -> str:
-    def fill(text: str, indent: int, hanging: int = 0) -> str:
-        first, rest = " " * indent, " " * (indent + hanging)
-        return textwrap.fill(text, width, initial_indent=first, subsequent_indent=rest)
+    def fill(line: str, indent: int, hanging: int = 0) -> str:
+        return textwrap.fill(line, width, initial_indent=" " * indent,
+                             subsequent_indent=" " * (indent + hanging))  # fmt: skip
 
     lines = [notebook.name, fill(f"{notebook.title}. {notebook.summary}", 2)]
     for item in notebook.parameters.values():
         default = json.dumps(item.default, ensure_ascii=False)
-        lines.append(fill(f"{item.name} = {default}", 4, 4))
-        lines.append(fill(f"{item.help}: {item.wanted}", 8))
+        lines += [fill(f"{item.name} = {default}", 4, 4), fill(f"{item.help}: {item.wanted}", 8)]
     return "\n".join(lines) + "\n"
 
 
@@ -124,8 +104,8 @@ def _shown(notebook: Notebook, width: int) -> str:
 )  # fmt: skip
 @click.option("-f", "--file", metavar="TOML", help="A file of KEY = VALUE; -p wins.")
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), default="runs", metavar="DIR",
-    show_default=True, help="Where the folder NAME-<time> is made.",
+    "-o", "--output", type=Folder, default="runs", metavar="DIR", show_default=True,
+    help="Where the folder NAME-<time> is made.",
 )  # fmt: skip
 @_NOTEBOOKS
 @click.pass_obj
@@ -140,51 +120,47 @@ def rerun(
     """Execute a notebook with other parameters."""
     notebook = parameters.find(name, notebooks or project.notebooks)
     values = notebook.values(given, _table(file))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    print(f"{notebook.name}: executing", flush=True)
-    try:
-        from reportkit.execute import NotebookError
-        from reportkit.rerun import rerun
+    from reportkit.execute import NotebookError
+    from reportkit.rerun import rerun
 
-        try:
-            result = rerun(notebook, values, output, project)
-        except (NotebookError, OSError) as error:
-            print(f"\n{error}\n", file=sys.stderr)
-            return CHANGED
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    click.echo(f"{notebook.name}: executing")
+    try:
+        result = rerun(notebook, values, output, project)
     except KeyboardInterrupt:
-        print(f"{notebook.name}: interrupted, nothing written", file=sys.stderr)
+        click.echo(f"{notebook.name}: interrupted, nothing written", err=True)
         return INTERRUPTED
+    except (NotebookError, OSError) as error:
+        click.echo(f"\n{error}\n", err=True)
+        return CHANGED
     for complaint in result.complaints:
-        print(f"{notebook.name} warned: {complaint}", file=sys.stderr)
-    _tell(result.comparisons)
-    print(f"{result.folder / notebook.name}.html")
+        click.echo(f"{notebook.name} warned: {complaint}", err=True)
+    click.echo(_told(result.comparisons))
+    click.echo(f"{result.folder / notebook.name}.html")
     return 0
 
 
 def _table(name: str | None) -> dict[str, Any]:
-    if name is None:
-        return {}
     try:
-        return tomllib.loads(Path(name).read_text(encoding="utf-8"))
+        return tomllib.loads(Path(name).read_text(encoding="utf-8")) if name is not None else {}
     except (OSError, ValueError) as error:
         raise ParameterError(f"{name}: no TOML file of parameters: {error}") from None
 
 
-def _tell(pairs: list[Comparison]) -> None:
-    moved = [pair for pair in pairs if pair.moved]
-    if moved:
-        heading = ["recorded value", "published", "now", "difference", "unit"]
-        print(check.layout([heading, *([*row[:4], row[5]] for row in map(check.compared, moved))]))
-    print(f"{len(moved)} of {len(pairs)} recorded values changed" if pairs else
-          "there are no published values to compare with")  # fmt: skip
+def _told(pairs: list[Comparison]) -> str:
+    if not pairs:
+        return "there are no published values to compare with"
+    changes = [pair.change() for pair in pairs if pair.moved]
+    count = f"{len(changes)} of {len(pairs)} recorded values changed"
+    heading = ["recorded value", "published", "now", "difference", "unit"]
+    rows = ([*change[:4], change[5]] for change in changes)
+    return f"{text.columns(heading, rows)}\n{count}" if changes else count
 
 
 @commands.command("check")
 @click.option("--update", is_flag=True, help="Expect what was built.")
-@click.option("--results", type=click.Path(path_type=Path), metavar="DIR",
-              help="What was built; by default the report's results.")  # fmt: skip
-@click.option("--expected", type=click.Path(path_type=Path), metavar="DIR",
-              help="What is expected; by default the report's expectations.")  # fmt: skip
+@click.option("--results", type=Folder, metavar="DIR", help="Results other than the report's.")
+@click.option("--expected", type=Folder, metavar="DIR", help="Expectations other than its own.")
 @click.pass_obj
 def check_(project: Project, update: bool, results: Path | None, expected: Path | None) -> int:
     """Tell what moved between the built and the expected."""
@@ -193,17 +169,20 @@ def check_(project: Project, update: bool, results: Path | None, expected: Path 
         pairs = check.compare_folders(results or project.results, expected)
     except (OSError, ValueError) as error:
         raise ParameterError(str(error)) from None
-    moved = [pair for pair in pairs if pair.moved]
+    moved = [pair.row() for pair in pairs if pair.moved]
     if moved:
         heading = ["name", "expected", "got", "tolerance", "notebook"]
-        print(check.layout([heading, *(pair.row() for pair in moved)]))
+        click.echo(text.columns(heading, moved))
     if update:
         check.update(pairs, expected)
-        print(f"{len(moved)} expectations updated in {expected}")
-        return 0
-    if moved:
-        print(f"{len(moved)} of {len(pairs)} values moved. If that is meant: "
-              f"{project.name} check --update")  # fmt: skip
-        return CHANGED
-    print(f"{len(pairs)} values are as expected")
-    return 0
+        click.echo(f"{len(moved)} expectations updated in {expected}")
+    elif moved:
+        click.echo(f"{len(moved)} of {len(pairs)} values moved. If that is meant: "
+                   f"{project.name} check --update")  # fmt: skip
+    else:
+        click.echo(f"{len(pairs)} values are as expected")
+    return CHANGED if moved and not update else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -91,12 +91,18 @@ def executed(
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder, until the block ends or the process dies, against others who ask for it."""
+def locked(folder: Path, wait: bool = True) -> Iterator[None]:
+    """Hold a folder, until the block ends or the process dies, against others who ask for it.
+
+    Raises
+    ------
+    OSError
+        If another process holds it and `wait` is false.
+    """
     handle = os.open(folder, os.O_RDONLY)
     try:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(handle, fcntl.LOCK_EX)
+        with suppress(OSError) if wait else nullcontext():  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         yield
     finally:
         os.close(handle)
@@ -108,8 +114,8 @@ def _scratch(parent: Path, stem: str) -> Iterator[Path]:
     parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         with locked(parent):  # nobody sees a new folder that is not yet held
-            for left in parent.iterdir():
-                if _SCRATCH.fullmatch(left.name) and _abandoned(left):
+            for left in filter(lambda path: _SCRATCH.fullmatch(path.name), parent.iterdir()):
+                with suppress(OSError), locked(left, wait=False):
                     shutil.rmtree(left, ignore_errors=True)
             folder = tempfile.TemporaryDirectory(
                 prefix=f".{stem}-", dir=parent, ignore_cleanup_errors=True
@@ -119,31 +125,14 @@ def _scratch(parent: Path, stem: str) -> Iterator[Path]:
         yield scratch
 
 
-def _abandoned(folder: Path) -> bool:
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
-    except OSError:
-        return False
-    finally:
-        os.close(handle)
-
-
 def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.NotebookNode:
     try:
         notebook = nbformat.read(source, as_version=4)
     except nbformat.reader.NotJSONError as error:
         raise NotebookError(f"{source} is not a notebook: {error}") from None
     # whatever kernel its author used
-    notebook.metadata["kernelspec"] = {
-        "display_name": "Python 3",
-        "language": "python",
-        "name": "python3",
-    }
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    notebook.metadata["kernelspec"] = kernel
     try:
         return papermill.execute_notebook(
             notebook,
@@ -177,25 +166,19 @@ def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
         cell.id = f"cell-{number}"
         for name in ("papermill", "execution"):
             cell.metadata.pop(name, None)
-        kept = []
-        for output in cell.get("outputs", ()):
-            if output.output_type == "stream" and output.name == "stderr":
+        for output in list(cell.get("outputs", ())):
+            if output.get("name") == "stderr":
                 complaints.append(output.text.strip())
-                continue
-            kept.append(output)
-            if alt := output.get("metadata", {}).get("image/svg+xml", {}).get("alt"):
+                cell.outputs.remove(output)
+            elif alt := output.get("metadata", {}).get("image/svg+xml", {}).get("alt"):
                 cell.metadata.setdefault("mystnb", {})["image"] = {"alt": alt}
-        if "outputs" in cell:
-            cell.outputs = kept
     return complaints
 
 
 def _publish(new: Path, results_dir: Path, stem: str) -> None:
-    executed = f"{stem}.ipynb"
-    old = [results_dir / executed, results_dir / f"{stem}.json", *results_dir.glob(f"{stem}-*")]
-    for path in old:
-        path.unlink(missing_ok=True)
-    for path in sorted(new.iterdir(), key=lambda path: (path.name == executed, path.name)):
+    for path in [*results_dir.glob(f"{stem}.*"), *results_dir.glob(f"{stem}-*")]:
+        path.unlink()
+    for path in sorted(new.iterdir(), key=lambda path: path.suffix == ".ipynb"):
         path.replace(results_dir / path.name)
 
 

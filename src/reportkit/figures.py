@@ -116,7 +116,7 @@ def family(
 
 
 def legend_below(fig: Figure, ax: Axes, columns: int = 3) -> None:
-    """Set the names of what an axes shows below the whole figure."""
+    """Place the legend of an axes below the whole figure."""
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
@@ -144,6 +144,6 @@ def direct_label(
 
 
 def save(fig: Figure, path: str | Path) -> None:
-    """Write a figure as SVG, the same bytes each time."""
+    """Write a figure as SVG on a transparent ground, the same bytes each time."""
     with mpl.rc_context(STYLE):
-        fig.savefig(path, format="svg", metadata={"Date": None})
+        fig.savefig(path, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)

@@ -100,15 +100,13 @@ class Parameter:
         ParameterError
             If the text is of another type, or its value is not allowed.
         """
+        several = isinstance(self.default, list)
+        inner = text.strip().removeprefix("[").removesuffix("]").rstrip(", ")
         try:
-            if isinstance(self.default, list):
-                inner = text.strip().removeprefix("[").removesuffix("]").rstrip(", ")
-                return self.check([self._read(part) for part in inner.split(",")])
-            return self.check(self._read(text))
-        except (ValueError, KeyError) as error:
-            if isinstance(error, ParameterError):
-                raise
+            value = [*map(self._read, inner.split(","))] if several else self._read(text)
+        except (ValueError, KeyError):
             raise self._refusal(text) from None
+        return self.check(value)
 
     def check(self, value: Any) -> Any:
         """Return a value as the notebook gets it, an integer as float where one is expected.
@@ -291,6 +289,5 @@ def _parameters(source: str) -> Iterable[Parameter]:
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:
-    known = list(known)
-    best = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    return f"did you mean {best[0]}?" if best else f"known are {', '.join(known) or 'none'}"
+    near = difflib.get_close_matches(name, known := list(known), n=1, cutoff=0.5)
+    return f"did you mean {near[0]}?" if near else f"known are {', '.join(known) or 'none'}"

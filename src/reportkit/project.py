@@ -10,7 +10,7 @@ from typing import Self
 
 
 class ProjectError(ValueError):
-    """A report whose settings are missing or wrong, told in one line."""
+    """The settings of a report are missing or wrong; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,16 @@ class Project:
     root : path
         Folder of ``pyproject.toml``.
     name : str
-        Name of the report, and of the distribution that it installs.
+        Name of the report and of its command; if the report is an installed distribution, the
+        name of that too.
     notebooks, results, expected, claims, data, mathjax : str
-        Relative to `root`: sources of the notebooks; what they made; what a rebuild must
-        reproduce; claims and their criteria; the data whose sums are told; the script that
-        typesets mathematics on the page of a rerun.
+        Relative to `root`: sources of the notebooks; what they make; the values that a rebuild
+        must reproduce; claims and their criteria; the data whose SHA-256 sums are listed; the
+        script that typesets mathematics on the page of a rerun.
+    extra : str
+        Extra of the distribution that the report needs.
     versions : tuple of str
-        Packages whose versions are told beside every result.
+        Packages whose versions stand on the page of a rerun.
     """
 
     root: Path
@@ -39,30 +42,13 @@ class Project:
     claims: Path = Path("data/claims.toml")
     data: Path = Path("data")
     mathjax: Path = Path("book/_static/mathjax/tex-svg-full.js")
+    extra: str = ""
     versions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for item in fields(self)[2:-1]:
-            object.__setattr__(self, item.name, self.root / getattr(self, item.name))
-
-    @classmethod
-    def read(cls, root: Path) -> Self:
-        """Read the settings from ``root/pyproject.toml``.
-
-        Raises
-        ------
-        ProjectError
-            If the file or the table is missing, or a name in it is missing or not known.
-        """
-        path = root / "pyproject.toml"
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))["tool"]["reportkit"]
-        except (OSError, tomllib.TOMLDecodeError, KeyError) as error:
-            raise ProjectError(f"{path}: no table [tool.reportkit]: {error!r}") from None
-        try:
-            return cls(root, **table)
-        except TypeError as error:
-            raise ProjectError(f"{path}, [tool.reportkit]: {error}") from None
+        for item in fields(self)[1:]:
+            if item.type is Path:
+                object.__setattr__(self, item.name, self.root / getattr(self, item.name))
 
     @classmethod
     def find(cls, start: Path | None = None) -> Self:
@@ -71,12 +57,15 @@ class Project:
         Raises
         ------
         ProjectError
-            If the folder lies in no report.
+            If the folder lies in no report, or a setting is missing, unknown or malformed.
         """
         start = (start or Path.cwd()).resolve()
         for folder in (start, *start.parents):
             path = folder / "pyproject.toml"
-            if path.is_file() and "[tool.reportkit]" in path.read_text(encoding="utf-8"):
-                return cls.read(folder)
-        raise ProjectError(f"{start}: neither here nor above is a pyproject.toml with "
-                           "[tool.reportkit]")  # fmt: skip
+            try:
+                text = path.read_text(encoding="utf-8") if path.is_file() else ""
+                if "[tool.reportkit]" in text:
+                    return cls(folder, **tomllib.loads(text)["tool"]["reportkit"])
+            except (TypeError, tomllib.TOMLDecodeError) as error:
+                raise ProjectError(f"{path}, [tool.reportkit]: {error}") from None
+        raise ProjectError(f"no pyproject.toml with [tool.reportkit] in {start} or above")

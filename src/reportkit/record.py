@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from IPython.display import SVG, Markdown, display
@@ -16,7 +15,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from myst_nb import glue
 
-from reportkit.check import to_json
+from reportkit import figures, text
 
 #: Set by the build to a folder that replaces the published results only when all went well.
 RESULTS_VARIABLE = "REPORT_RESULTS"
@@ -93,22 +92,21 @@ class Study:
         """
         _check_key(name, self._records)
         value = value.item() if isinstance(value, np.generic) else value
-        if not isinstance(value, float | int | str) or (
-            isinstance(value, float) and not math.isfinite(value)
-        ):
+        allowed = math.isfinite(value) if isinstance(value, float) else isinstance(value, int | str)
+        if not allowed:
             raise ValueError(f"{name} = {value!r}: expected a finite number, a text or a bool")
         if tolerance is not None and relative is not None:
             raise ValueError(f"tolerance of {name}: absolute or relative, not both")
         if unit is None and not isinstance(value, bool | str):
             unit = "1"
-        record = {"value": value, "unit": unit, "tolerance": _tolerance(name, tolerance)}
-        if relative is not None:
-            record["relative"] = _tolerance(name, relative)
-        if not compared:
-            record["compared"] = False
-        self._records[name] = record
-        text = to_json(self._records)
-        self._write(f"{self.name}.json", text)
+        self._records[name] = {
+            "value": value,
+            "unit": unit,
+            "tolerance": _tolerance(name, tolerance),
+            **({} if relative is None else {"relative": _tolerance(name, relative)}),
+            **({} if compared else {"compared": False}),
+        }
+        text.write(self.results / f"{self.name}.json", text.to_json(self._records))
         glue(name, ("yes" if value else "no") if isinstance(value, bool) else value, display=False)
 
     def record_all(self, values: Mapping[str, Any], unit: str | None = None, **rule: Any) -> None:
@@ -137,14 +135,11 @@ class Study:
         alt : str, optional
             What to say of the figure to who cannot see it, on the page of the notebook itself.
         """
-        _check_key(key, self._keys)
-        path = self.results / f"{self.name}-{key}.svg"
-        with mpl.rc_context({"svg.hashsalt": "report"}):  # with no date: the same bytes each time
-            fig.savefig(path, metadata={"Date": None, "Creator": None}, transparent=True)
-        self._keys.add(key)
+        path = self._new(key, "svg")
+        figures.save(fig, path)
         if data is not None:
-            columns = {column: pd.Series(np.asarray(data[column])) for column in data}
-            self._csv(key, pd.DataFrame(columns))
+            series = {name: pd.Series(np.asarray(data[name])) for name in data}
+            self._csv(path.with_suffix(".csv"), pd.DataFrame(series))
         alt = alt or f"Figure of the study {self.name[3:]}: {key}".replace("_", " ")
         display(SVG(filename=path), metadata={"image/svg+xml": {"alt": alt}})
         plt.close(fig)
@@ -172,22 +167,19 @@ class Study:
         ValueError
             If the key is malformed or taken, or a column has no heading.
         """
-        _check_key(key, self._keys)
         frame = (
             rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows), columns=columns)
         )
         if not all(str(name).strip() for name in frame.columns):
             raise ValueError(f"table {key}: a heading is missing in {list(frame.columns)}")
-        cells = [[_cell(cell) for cell in row] for row in frame.itertuples(index=False)]
-        rules = [
-            "---:" if sum(bool(_NUMBER.match(cell)) for cell in column) > len(column) / 2 else "---"
-            for column in zip(*cells, strict=True)
-        ] or ["---"] * len(frame.columns)
-        rows = [[_cell(name) for name in frame.columns], rules, *cells]
-        text = "".join(f"| {' | '.join(row)} |\n" for row in rows)
-        self._keys.add(key)
-        self._write(f"{self.name}-{key}.md", text)
-        display(Markdown(text))
+        right = [
+            n
+            for n in range(frame.shape[1])
+            if sum(bool(_NUMBER.match(str(cell))) for cell in frame.iloc[:, n]) > len(frame) / 2
+        ]
+        table = text.markdown_table(list(frame), frame.itertuples(index=False), right)
+        text.write(self._new(key, "md"), table)
+        display(Markdown(table))
 
     def data(self, key: str, frame: pd.DataFrame) -> None:
         """Save what no figure shows, such as raw measurements, as ``<results>/<study>-<key>.csv``.
@@ -199,9 +191,7 @@ class Study:
         frame : pandas.DataFrame
             The index is left out.
         """
-        _check_key(key, self._keys)
-        self._keys.add(key)
-        self._csv(key, frame)
+        self._csv(self._new(key, "csv"), frame)
 
     def page(self, key: str, html: str) -> None:
         """Save a piece of HTML that a page includes, as ``<results>/<study>-<key>.html``.
@@ -213,17 +203,15 @@ class Study:
         html : str
             The text.
         """
+        text.write(self._new(key, "html"), html)
+
+    def _new(self, key: str, kind: str) -> Path:
         _check_key(key, self._keys)
         self._keys.add(key)
-        self._write(f"{self.name}-{key}.html", html)
+        return self.results / f"{self.name}-{key}.{kind}"
 
-    def _csv(self, key: str, frame: pd.DataFrame) -> None:
-        self._write(f"{self.name}-{key}.csv", frame.to_csv(index=False, float_format="%.9g"))
-
-    def _write(self, name: str, text: str) -> None:
-        part = self.results / f".{name}.part"
-        part.write_text(text, encoding="utf-8", newline="\n")
-        part.replace(self.results / name)
+    def _csv(self, path: Path, frame: pd.DataFrame) -> None:
+        text.write(path, frame.to_csv(index=False, float_format="%.9g"))
 
 
 def scientific(value: float, digits: int = 1) -> str:
@@ -245,7 +233,3 @@ def _tolerance(name: str, value: float | None) -> float | None:
     if not isinstance(value, numbers.Real) or not 0 <= value < math.inf:
         raise ValueError(f"tolerance of {name} = {value!r}: expected a number >= 0")
     return float(value)
-
-
-def _cell(value: Any) -> str:
-    return str(value).replace("|", r"\|").replace("\n", " ")

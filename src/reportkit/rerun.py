@@ -1,7 +1,5 @@
-"""Execute a notebook with other parameters, beside the book, and tell what changed."""
+"""Execute a notebook with other parameters, beside the book, and report what changed."""
 
-import csv
-import io
 import itertools
 import json
 from collections.abc import Iterable, Mapping
@@ -10,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import nbformat
+import pandas as pd
 
 from reportkit import check, page
 from reportkit.check import Comparison
@@ -19,7 +18,7 @@ from reportkit.project import Project
 
 
 class Rerun(NamedTuple):
-    """Where a rerun went, how it compares, and what the notebook wrote to its standard error."""
+    """The folder of a rerun, the comparison, and the notebook's messages on standard error."""
 
     folder: Path
     comparisons: list[Comparison]
@@ -52,21 +51,19 @@ def rerun(
     """
     name, started = notebook.name, datetime.now()
     with executed(notebook.path, parent, parameters) as (new, complaints):
-        got = _load(new / f"{name}.json")
-        published = _load(project.expected / f"{name}.json")
-        comparisons = check.compare(name, published, got) if published else []
-        _write_csv(new / "values.csv", ["name", "value", "unit"], (
-            [key, record["value"], record["unit"]] for key, record in got.items()
-        ))  # fmt: skip
-        _write_csv(new / "comparison.csv", COLUMNS, map(_row, comparisons))
-        defaults = {key: item.default for key, item in notebook.parameters.items()}
-        lines = (
-            f"{key} = {json.dumps(v, ensure_ascii=False)}\n"
-            for key, v in (defaults | dict(parameters)).items()
+        got, published = (
+            check.load(path) if path.exists() else {}
+            for path in (new / f"{name}.json", project.expected / f"{name}.json")
         )
+        comparisons = check.compare(name, published, got) if published else []
+        values = ([key, record["value"], record["unit"]] for key, record in got.items())
+        _write_csv(new / "values.csv", ["name", "value", "unit"], values)
+        _write_csv(new / "comparison.csv", COLUMNS, map(_row, comparisons))
+        used = {key: item.default for key, item in notebook.parameters.items()} | dict(parameters)
+        lines = (f"{key} = {json.dumps(v, ensure_ascii=False)}\n" for key, v in used.items())
         (new / "parameters.toml").write_text("".join(lines), encoding="utf-8")
-        executed_notebook = nbformat.read(new / f"{name}.ipynb", as_version=4)
-        text = page.render(notebook, executed_notebook, parameters, comparisons, started, project)
+        outputs = nbformat.read(new / f"{name}.ipynb", as_version=4)
+        text = page.render(notebook, outputs, parameters, comparisons, started, project)
         (new / f"{name}.html").write_text(text, encoding="utf-8")
         folder = _publish(new, parent, f"{name}-{started:%Y%m%d-%H%M%S}")
     return Rerun(folder, comparisons, complaints)
@@ -76,26 +73,14 @@ COLUMNS = ["name", "published", "got", "difference", "relative difference", "uni
 
 
 def _row(pair: Comparison) -> list[Any]:
-    published, got = pair.expected or {}, pair.got or {}
-    return [
-        pair.name,
-        published.get("value"),
-        got.get("value"),
-        pair.difference,
-        pair.relative,
-        (got or published)["unit"],
-        "yes" if pair.moved else "no",
-    ]
-
-
-def _load(path: Path) -> dict[str, Any]:
-    return check.load(path) if path.exists() else {}
+    old, new = pair.expected or {}, pair.got or {}
+    values = old.get("value"), new.get("value"), pair.difference, pair.relative
+    return [pair.name, *values, (new or old)["unit"], "yes" if pair.moved else "no"]
 
 
 def _write_csv(path: Path, heading: list[str], rows: Iterable[list[Any]]) -> None:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows([heading, *rows])
-    path.write_text(buffer.getvalue(), encoding="utf-8")
+    # of type object, for each number to keep all its digits
+    pd.DataFrame(rows, columns=heading, dtype=object).to_csv(path, index=False)
 
 
 def _publish(new: Path, parent: Path, name: str) -> Path:

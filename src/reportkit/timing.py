@@ -4,7 +4,7 @@ import gc
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -109,9 +109,9 @@ def measure(
             f"{len(functions)} functions and {repetitions} repetitions; at least 1 is needed"
         )
     resolutions = {name: resolution(clock) for name, clock in clocks.items()}
-    chosen = next(iter(clocks))
-    for name, value in resolutions.items():
-        chosen = name if 2 * value < resolutions[chosen] else chosen
+    chosen, finest = next(iter(clocks)), min(resolutions, key=resolutions.__getitem__)
+    if 2 * resolutions[finest] < resolutions[chosen]:
+        chosen = finest
     clock, least = clocks[chosen], max(shortest, RESOLUTIONS * resolutions[chosen])
     names, todo = tuple(functions), list(functions.values())
     shape = repetitions, len(todo)
@@ -153,15 +153,33 @@ def spent() -> float:
     return sum(os.times()[:4])
 
 
-def machine() -> pd.DataFrame:
-    """Return what the times were measured on, as a table of one row."""
-    packages = ("numpy", "numba", "scipy", "scikit-sundae")
-    software = [f"Python {platform.python_version()}", *map(_version, packages)]
-    cell = f"{processor()}, {os.cpu_count()} processors, {platform.system()}"
+def processor() -> str:
+    """Return the name of the processor, as far as the system tells it."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
+    models = (line.partition(": ")[2] for line in lines if line.startswith("model name"))
+    return next(models, "") or platform.processor() or platform.machine()
+
+
+def computer() -> str:
+    """Return processor, number of processors and system in one phrase."""
+    return f"{processor()}, {os.cpu_count()} processors, {platform.system()} {platform.machine()}"
+
+
+def machine(
+    packages: Sequence[str] = ("numpy", "numba", "scipy", "scikit-sundae"),
+) -> pd.DataFrame:
+    """Return what the times were measured on, as a table of one row.
+
+    Parameters
+    ----------
+    packages : sequence of str
+        Installed packages whose versions matter.
+    """
+    versions = [f"{name} {metadata.version(name)}" for name in packages]
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
-    return pd.DataFrame(
-        [[cell, ", ".join(software), load]], columns=["machine", "software", "load"]
-    )
+    software = ", ".join([f"Python {platform.python_version()}", *versions])
+    return pd.DataFrame([{"machine": computer(), "software": software, "load": load}])
 
 
 def _long_enough(
@@ -181,20 +199,3 @@ def _long_enough(
 def _quartiles(values: np.ndarray) -> tuple[float, float, float]:
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
     return low, middle, high
-
-
-def _version(package: str) -> str:
-    try:
-        return f"{package} {metadata.version(package)}"
-    except metadata.PackageNotFoundError:
-        return f"{package} missing"
-
-
-def processor() -> str:
-    """Name of the processor, as far as the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    models = [line.partition(": ")[2] for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.processor() or platform.machine()

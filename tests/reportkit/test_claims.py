@@ -1,13 +1,10 @@
-"""Verdicts of made-up claims, and the paper's claims against what is expected of the book."""
-
-import json
-import re
+"""Tests of the verdicts, with made-up claims."""
 
 import pytest
 
-from armsim.paths import DATA
 from reportkit import claims
 from reportkit.claims import CONFIRMED, CORRECTED, REFUTED, UNTESTABLE, Claim, ClaimError, Test
+from reportkit.text import to_json
 
 RECORDS = {
     "10_a": {
@@ -78,13 +75,57 @@ def test_the_table_shows_paper_and_measurement():
     )
 
 
-def test_a_missing_value_is_an_error_that_names_it(tmp_path, capsys):
+CLAIMS = """
+[[claim]]
+name = "the gain"
+where = "Section 4"
+text = "the gain is 1014"
+page = "gain"
+tests = [{ value = "10_a::gain", equals = 1014.0, tolerance = 0.5 }]
+
+[[claim]]
+name = "the order"
+where = "Table 1"
+text = "sixth order"
+page = "order"
+tests = [{ value = "10_a::order", equals = 6 }]
+"""
+
+
+def test_verdicts_are_written_beside_the_results(project, monkeypatch):
+    monkeypatch.chdir(project.root)
+    project.claims.parent.mkdir()
+    project.claims.write_text(CLAIMS)
+    project.results.mkdir(parents=True)
+    complete = {name: record | {"tolerance": None} for name, record in RECORDS["10_a"].items()}
+    (project.results / "10_a.json").write_text(to_json(complete))
+    assert claims.main([str(project.results)]) == 0
+    written = {path.name: path.read_text() for path in project.results.glob("verdicts*")}
+    assert sorted(written) == [
+        "verdicts-summary.md",
+        "verdicts.csv",
+        "verdicts.md",
+        "verdicts.svg",
+    ]
+    assert written["verdicts-summary.md"] == "Of 2 claims, 1 is confirmed and 1 is refuted.\n"
+    assert written["verdicts.csv"].splitlines() == [
+        "claim,where,verdict",
+        "the gain,Section 4,confirmed",
+        "the order,Table 1,refuted",
+    ]
+
+
+def test_a_missing_value_is_an_error_that_names_it(project, monkeypatch, capsys):
     with pytest.raises(ClaimError, match="10_a::gone"):
         claim(Test("10_a::gone", above=1.0)).verdict(RECORDS)
-    (tmp_path / "10_model.json").write_text("{}")
-    assert claims.main([str(tmp_path)]) == 1
-    assert re.search(r"needs \d\d_\w+::\w+, which is not recorded", capsys.readouterr().err)
-    assert not list(tmp_path.glob("verdicts*"))
+    monkeypatch.chdir(project.root)
+    project.claims.parent.mkdir()
+    project.claims.write_text(CLAIMS)
+    project.results.mkdir(parents=True)
+    (project.results / "10_a.json").write_text("{}")
+    assert claims.main([str(project.results)]) == 1
+    assert "needs 10_a::gain, which is not recorded" in capsys.readouterr().err
+    assert not list(project.results.glob("verdicts*"))
 
 
 @pytest.mark.parametrize(
@@ -112,33 +153,8 @@ def test_an_unknown_key_is_refused(tmp_path):
         claims.load(path)
 
 
-def test_the_paper_s_claims_have_pages_and_recorded_values():
-    known = claims.load_all(DATA / "expected")
-    pages = {path.stem for path in (DATA.parent / "book").glob("*.md")}
-    found = {one.name: one.verdict(known) for one in claims.load()}
-    assert len(found) == len(claims.load()) > 25
-    assert {one.page for one in claims.load()} <= pages
-    assert found["$K_1 = 1014$"] == CONFIRMED
-    assert found["RK6 is of sixth order"] == CORRECTED
-    assert found["the novel method: sixth order"] == REFUTED
-    assert found["a linear model is sufficient"] == REFUTED
-    assert found["the constants of Table 5"] == UNTESTABLE
-
-
 def test_the_figure_names_every_claim():
-    known = claims.load_all(DATA / "expected")
-    fig = claims.figure(claims.load(), known)
-    texts = {text.get_text() for text in fig.axes[0].texts}
-    assert {one.name for one in claims.load()} < texts
-    width = fig.get_window_extent().x1
-    fig.canvas.draw()
-    for text in fig.axes[0].texts:
-        box = text.get_window_extent()
-        right = width if box.x0 > 0.45 * width else width / 2
-        assert box.x1 <= right, text.get_text()
-
-
-def test_expected_records_are_complete():
-    for path in (DATA / "expected").glob("*.json"):
-        for record in json.loads(path.read_text(encoding="utf-8")).values():
-            assert {"value", "unit", "tolerance"} <= set(record)
+    some = [claim(TRUE), claim(FALSE), claim(untestable=True, note="why")]
+    fig = claims.figure(some, RECORDS)
+    texts = [text.get_text() for text in fig.axes[0].texts]
+    assert texts == ["1 confirmed", "name", "1 cannot be tested", "name", "1 refuted", "name"]

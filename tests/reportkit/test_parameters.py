@@ -1,11 +1,10 @@
 """Tests of what is read from a cell of parameters, and of what it lets pass."""
 
 import json
-from pathlib import Path
 
 import pytest
 
-from reportkit.parameters import ParameterError, find, read, sources
+from reportkit.parameters import ParameterError, find, read
 
 CELL = """
 T_p = 0.04  # s, time constant; 0.001 to 10
@@ -21,8 +20,6 @@ steps = [
 ]
 motion = ""  # measured motion, empty for the published one; path
 """
-
-NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 
 
 @pytest.fixture
@@ -189,11 +186,3 @@ def test_unknown_notebook_comes_with_the_nearest(notebook, tmp_path):
     notebook(name="51_other_topic")
     with pytest.raises(ParameterError, match="did you mean 51_other_topic?"):
         find("51_other_topics", tmp_path)
-
-
-@pytest.mark.parametrize("path", sources(NOTEBOOKS), ids=lambda path: path.stem)
-def test_parameters_of_the_report_are_described(path):
-    found = read(path)
-    assert found.title
-    assert found.summary.endswith(".")
-    assert found.parameters

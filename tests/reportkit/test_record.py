@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from reportkit import record as module
-from reportkit.record import Study
+from reportkit.record import RESULTS_VARIABLE, Study, scientific
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def shown(monkeypatch):
 
 @pytest.fixture
 def study(tmp_path, monkeypatch, glued, shown):
-    monkeypatch.setenv("ARMSIM_RESULTS", str(tmp_path / "results"))
+    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
     return Study("20_topic")
 
 
@@ -45,7 +45,9 @@ def test_records_keep_value_unit_tolerance_and_order(study, glued):
     kept = json.loads((study.results / "20_topic.json").read_text())
     assert list(kept) == ["speed", "count", "agrees", "best"]
     assert kept["speed"] == {"value": 1.5, "unit": "m/s", "tolerance": 1e-9}
-    assert kept["agrees"]["value"] is True
+    assert kept["count"] == {"value": 3, "unit": "1", "tolerance": None}
+    assert kept["agrees"] == {"value": True, "unit": None, "tolerance": None}
+    assert kept["best"]["unit"] is None
     assert glued == {"speed": 1.5, "count": 3, "agrees": "yes", "best": "RK6"}
     assert [type(value) for value in glued.values()] == [float, int, str, str]
 
@@ -58,11 +60,18 @@ def test_value_that_is_none_is_refused(study, glued, value):
     assert not (study.results / "20_topic.json").exists()
 
 
+def test_several_values_are_recorded_under_one_rule(study):
+    study.record_all({"fast": 1.5, "slow": np.float64(2.5)}, "s", relative=0.1)
+    kept = json.loads((study.results / "20_topic.json").read_text())
+    assert kept["slow"] == {"value": 2.5, "unit": "s", "tolerance": None, "relative": 0.1}
+    assert list(kept) == ["fast", "slow"]
+
+
 def test_tolerance_may_be_relative_or_absent(study):
     study.record("share", 1.5, relative=np.float64(0.1))
     study.record("time", 1.5, unit="s", compared=False)
     kept = json.loads((study.results / "20_topic.json").read_text())
-    assert kept["share"] == {"value": 1.5, "unit": None, "tolerance": None, "relative": 0.1}
+    assert kept["share"] == {"value": 1.5, "unit": "1", "tolerance": None, "relative": 0.1}
     assert kept["time"] == {"value": 1.5, "unit": "s", "tolerance": None, "compared": False}
 
 
@@ -127,6 +136,20 @@ def test_table_escapes_bars_and_sets_numbers_right(study, shown):
     assert shown[0].data == text
 
 
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        ([["a", 1], ["b", 2]], ["name", "value"]),
+        (zip("ab", (1, 2), strict=True), ["name", "value"]),
+        ([{"name": "a", "value": 1}, {"name": "b", "value": 2}], None),
+    ],
+)
+def test_table_is_made_of_rows(study, rows, columns):
+    study.table("t", rows, columns)
+    text = (study.results / "20_topic-t.md").read_text()
+    assert text == "| name | value |\n| --- | ---: |\n| a | 1 |\n| b | 2 |\n"
+
+
 def test_table_sets_a_column_right_if_most_of_it_are_numbers(study):
     cells = {"some": ["1", "–", "not yet"], "most": ["1", "–", "2"], "none": ["–", "a", "b"]}
     study.table("t", pd.DataFrame(cells))
@@ -148,7 +171,7 @@ def test_page_is_kept_as_it_is(study):
 
 
 def test_run_by_hand_keeps_to_its_own_folder(tmp_path, monkeypatch, glued):
-    monkeypatch.delenv("ARMSIM_RESULTS", raising=False)
+    monkeypatch.delenv(RESULTS_VARIABLE, raising=False)
     monkeypatch.chdir(tmp_path)
     Study("20_topic").record("a", 1)
     assert [str(path) for path in tmp_path.rglob("*.json")] == [
@@ -163,3 +186,15 @@ def test_data_are_kept_as_csv_under_a_key_of_their_own(study, shown):
     assert not shown
     with pytest.raises(ValueError, match="only once"):
         study.figure("raw", figure())
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.0694, 1, r"$6.9 \cdot 10^{-2}$"),
+        (-1234.0, 2, r"$-1.23 \cdot 10^{3}$"),
+        (0.0, 0, r"$0 \cdot 10^{0}$"),
+    ],
+)
+def test_scientific_notation(value, digits, text):
+    assert scientific(value, digits) == text

@@ -1,0 +1,66 @@
+"""Files and texts as a report writes them: whole files, numbers and tables."""
+
+import json
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file so that it appears complete or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder must exist.
+    text : str
+        The content, written as UTF-8 with line feeds.
+    """
+    with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as folder:
+        part = Path(folder, path.name)
+        part.write_text(text, encoding="utf-8", newline="\n")
+        part.replace(path)
+
+
+def to_json(records: Any) -> str:
+    """Return the text of the file that keeps records."""
+    return json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def number(value: Any, unit: str | None = None, digits: int = 12) -> str:
+    """Return a recorded value as text, with its unit if it has one."""
+    text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    return text if unit in (None, "1") else f"{text} {unit}"
+
+
+def columns(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table for the terminal, its columns aligned."""
+    rows = [heading, *rows]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    rows.insert(1, ["-" * width for width in widths])
+    pad = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
+    return "\n".join("  ".join(row).rstrip() for row in pad)
+
+
+def markdown_table(
+    heading: Sequence[Any], rows: Iterable[Sequence[Any]], right: Iterable[int] = ()
+) -> str:
+    """Return a Markdown table for ``{include}``.
+
+    Parameters
+    ----------
+    heading : sequence
+        Headings of the columns.
+    rows : iterable of sequences
+        Cells; a bar in one is escaped, a line break becomes a space.
+    right : iterable of int
+        Numbers of the columns that are set flush right.
+    """
+    rules = ["---:" if n in set(right) else "---" for n in range(len(heading))]
+    lines = [[_cell(cell) for cell in row] for row in (heading, *rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in (lines[0], rules, *lines[1:]))
+
+
+def _cell(value: Any) -> str:
+    return str(value).replace("|", r"\|").replace("\n", " ")

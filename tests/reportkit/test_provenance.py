@@ -1,0 +1,68 @@
+"""Tests of the software, run times and sums that a report tells."""
+
+import hashlib
+import platform
+import subprocess
+
+import numpy as np
+import pytest
+
+from reportkit import provenance
+from reportkit.timing import computer
+
+
+@pytest.fixture
+def toy(project):
+    """A report with a data file, an expected one and two executed notebooks."""
+    for folder in (project.expected, project.data / "own" / "__pycache__", project.results):
+        folder.mkdir(parents=True, exist_ok=True)
+    (project.data / "own" / "a.csv").write_text("1,2\n")
+    (project.data / "own" / "__pycache__" / "a.pyc").touch()
+    (project.expected / "20_one.json").touch()
+    (project.results / "20_one.ipynb").touch()
+    (project.results / "30_two.ipynb").touch()
+    (project.results / "20_one-seconds.txt").write_text("4.2\n")
+    return project
+
+
+def test_report_that_is_not_installed_tells_the_packages_it_names(toy):
+    assert provenance.software(toy) == [
+        ("toy", "not installed"),
+        ("Python", platform.python_version()),
+        ("numpy", np.__version__),
+    ]
+
+
+def test_report_in_a_repository_tells_the_commit(toy):
+    git = ["git", "-C", str(toy.root), "-c", "user.name=A", "-c", "user.email=a@b.invalid"]
+    for command in (["init", "-q"], ["add", "pyproject.toml"], ["commit", "-qm", "first"]):
+        subprocess.run([*git, *command], check=True)
+    head = subprocess.check_output([*git, "rev-parse", "--short", "HEAD"], text=True).strip()
+    assert provenance.software(toy)[0] == ("toy", f"not installed, commit {head}")
+
+
+def test_installed_report_tells_what_its_extra_requires(toy, monkeypatch):
+    wanted = ["numpy>=1", "click; extra == 'book'", "pytest; extra == 'dev'"]
+    monkeypatch.setattr(provenance.metadata, "requires", lambda name: wanted)
+    monkeypatch.setattr(provenance.metadata, "version", lambda name: f"version of {name}")
+    object.__setattr__(toy, "extra", "book")
+    assert [name for name, _ in provenance.software(toy)] == ["toy", "Python", "click", "numpy"]
+
+
+def test_all_parts_are_written(toy, monkeypatch):
+    monkeypatch.chdir(toy.root)
+    assert provenance.main([str(toy.results)]) == 0
+    written = {path.name[9:]: path.read_text() for path in toy.results.glob("appendix-*")}
+    digest = hashlib.sha256(b"1,2\n").hexdigest()
+    assert written["SHA256SUMS"] == f"{digest}  data/own/a.csv\n"
+    assert f"| `data/own/a.csv` | `{digest[:16]}` |" in written["sums.md"]
+    assert written["computer.md"] == f"{computer()}\n"
+    assert written["run-times.md"].splitlines()[2:] == [
+        "| {doc}`20_one <results/20_one>` | 4.2 |",
+        "| {doc}`30_two <results/30_two>` | – |",
+    ]
+    assert f"| numpy | {np.__version__} |" in written["software.md"]
+    checked = subprocess.run(
+        ["sha256sum", "--check", "--quiet", toy.results / "appendix-SHA256SUMS"], cwd=toy.root
+    )
+    assert checked.returncode == 0

@@ -1,0 +1,41 @@
+"""Tests of files, numbers and tables as text."""
+
+import pytest
+
+from reportkit import text
+
+
+def test_file_is_replaced_as_a_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "a.txt"
+    text.write(path, "first\n")
+    with pytest.raises(UnicodeEncodeError):
+        text.write(path, "second \ud800\n")
+    assert path.read_bytes() == b"first\n"
+    text.write(path, "µ\n")
+    assert path.read_bytes() == "µ\n".encode()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "digits", "expected"),
+    [
+        (1.5, "m", 12, "1.5 m"),
+        (1 / 3, "1", 3, "0.333"),
+        (3, None, 12, "3"),
+        (True, None, 12, "True"),
+        ("RK6", None, 12, "RK6"),
+        (1e-9, "s", 12, "1e-09 s"),
+    ],
+)
+def test_number_keeps_its_unit(value, unit, digits, expected):
+    assert text.number(value, unit, digits) == expected
+
+
+def test_columns_are_aligned():
+    table = text.columns(["name", "x"], [["a", "1.5"], ["longer", ""]])
+    assert table.splitlines() == ["name    x", "------  ---", "a       1.5", "longer"]
+
+
+def test_markdown_table_escapes_its_cells():
+    table = text.markdown_table(["a|b", "c"], [["x\ny", 1], ["|z|", 2.5]], right=[1])
+    assert table == "| a\\|b | c |\n| --- | ---: |\n| x y | 1 |\n| \\|z\\| | 2.5 |\n"
