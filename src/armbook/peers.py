@@ -15,7 +15,7 @@ from numba import njit
 from scipy.integrate import odeint, solve_ivp
 
 from armsim.arm import AxisParameters, LinearAxis, SlaveControl, Trajectory, simulate
-from armsim.arm.dynamics import Region, constants, derivative, rhs
+from armsim.arm.dynamics import constants, derivative, region_number, region_of_number, rhs
 from armsim.arm.slave_control import MEMORY, put_out
 from armsim.machine_code import kept
 from armsim.methods import IntegrationError, integrate, tableaux
@@ -147,14 +147,7 @@ def linear_flow(t, y, rows, drive):  # type: ignore[no-untyped-def]
 @kept(fastmath={"contract"}, error_model="numpy")
 def region_flow(t, y, volts, where, k):  # type: ignore[no-untyped-def]
     """Arm by the equations of the region with the number `where`: smooth, between two events."""
-    region = Region(where // 36 - 1, where // 12 % 3 - 1, where // 4 % 3 - 1, where % 4 - 1)
-    return derivative(y, volts, k, region)
-
-
-def region_number(where: Region) -> int:
-    """Number by which `region_flow` knows a region."""
-    preamplifier, power, contact, friction = where
-    return ((preamplifier + 1) * 3 + power + 1) * 12 + (contact + 1) * 4 + friction + 1
+    return derivative(y, volts, k, region_of_number(where))
 
 
 def linear_arguments(p: AxisParameters, volts: float) -> tuple[tuple, tuple]:
