@@ -215,7 +215,8 @@ def test_notebook_of_the_report_reruns(tmp_path, monkeypatch, capsys):
 def test_a_record_and_an_axis_of_the_users_own_are_fitted(tmp_path, monkeypatch, capsys):
     """Another axis than the book's, its record in other columns, a wrong start for two values."""
     from armsim.arm import simulate
-    from armsim.arm.measurement import Measurement, read_axis, signals, write_measurement
+    from armsim.arm.files import read_axis, write_measurement
+    from armsim.arm.measurement import Measurement, signals
 
     monkeypatch.chdir(tmp_path)
     text = (DATA / "axes" / "y.toml").read_text(encoding="utf-8")
