@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from armbook.peers import linear_arguments, linear_flow, region_flow
+from armbook.problems import linear_arguments, linear_flow, region_flow
 from armsim import amplifier
 from armsim.arm import AxisParameters, simulate
 from armsim.arm.dynamics import Region, constants, region_number, rhs

@@ -3,15 +3,10 @@
 import numpy as np
 import pytest
 
-from armbook import peers as module
-from armbook.peers import (
-    arm_problems,
-    exactly,
-    fixed,
-    linear_problem,
-    peers,
-    region_flow,
-)
+from armbook import peers as solvers
+from armbook import problems
+from armbook.peers import fixed, peers
+from armbook.problems import arm_problems, exactly, linear_problem, region_flow
 from armsim.arm import AxisParameters, SlaveControl, Track, simulate
 from armsim.arm.dynamics import derivative, region_number, region_of_number
 from armsim.methods import IntegrationError, tableaux
@@ -98,14 +93,14 @@ def test_the_flow_of_a_region_is_its_derivative(step):
 
 
 def test_runs_without_end_are_given_up(linear, monkeypatch):
-    monkeypatch.setattr(module, "MAX_EVALUATIONS", 20)
+    monkeypatch.setattr(problems, "MAX_EVALUATIONS", 20)
     solve = peers(1e-7, 1e-7 * linear.size)["SciPy RK45"]
     with pytest.raises(IntegrationError, match="more than 20 evaluations"):
         linear.run(solve, linear.equations.counting())
 
 
 def test_absent_solver_is_none(monkeypatch):
-    monkeypatch.setattr(module, "CVODE", None)
+    monkeypatch.setattr(solvers, "CVODE", None)
     assert [name for name, solve in peers(1e-3, np.ones(1)).items() if solve is None] == [
         "CVODE BDF",
         "CVODE Adams",
