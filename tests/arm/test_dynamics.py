@@ -17,6 +17,8 @@ from armsim.arm.dynamics import (
     constants,
     derivative,
     region,
+    region_number,
+    region_of_number,
     rhs,
 )
 from armsim.methods import integrate, tableaux
@@ -95,6 +97,16 @@ def signals_in(where, rng):
 # At the flanks of the gear the force jumps, so rounding of the gap decides on which side it is.
 away_from_flanks = st.floats(-3, 3).filter(lambda gap: abs(abs(gap) - 1) > 1e-3)
 signal = st.floats(-3, 3)
+
+
+def test_each_region_has_numbers_of_its_own():
+    """108 regions; those without static friction have two numbers, for the two fast ranges."""
+    of_number = {number: region_of_number(number) for number in range(135)}
+    regions = {Region(*signs) for signs in itertools.product((-1, 0, 1), (-1, 0, 1), (-1, 0, 1),
+                                                             (-1, 0, 1, STUCK))}  # fmt: skip
+    assert set(of_number.values()) == regions
+    assert all(of_number[region_number(where)] == where for where in regions)
+    assert [region_number(where, n % 5) for n, where in of_number.items()] == list(range(135))
 
 
 @pytest.mark.parametrize("p", [P, ODD], ids=["paper", "odd"])

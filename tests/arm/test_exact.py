@@ -62,7 +62,7 @@ def test_every_mode_has_the_equations_of_its_region(speed):
     numbers = np.array(constants(P))
     for branches in itertools.product((-1, 0, 1), repeat=3):
         mode = ((branches[0] + 1) * 9 + (branches[1] + 1) * 3 + branches[2] + 1) * 5 + speed
-        where = modes.region_of(mode)
+        where = modes.region_of_number(mode)
         assert where[:3] == branches
         assert where.friction == (0, -1, STUCK, 1, 0)[speed]
         here = Mode(np.empty((7, 7)), np.empty(7), np.empty((4, 7)), np.empty(4), np.empty(4))

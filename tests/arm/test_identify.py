@@ -10,6 +10,7 @@ from joblib import parallel_config
 from scipy.optimize import approx_fprime
 
 from armsim.arm import identify
+from armsim.arm.files import read_axis, read_measurement
 from armsim.arm.identify import (
     SIGNALS,
     Problem,
@@ -19,7 +20,6 @@ from armsim.arm.identify import (
     identifiability,
     profile,
 )
-from armsim.arm.measurement import read_axis, read_measurement
 from armsim.methods import IntegrationError, tableaux
 from armsim.paths import DATA
 

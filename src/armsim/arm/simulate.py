@@ -13,7 +13,14 @@ from numbers import Real
 import numpy as np
 
 from armsim.arm import modes
-from armsim.arm.dynamics import Region, auxiliary_variables, constants, region, rhs
+from armsim.arm.dynamics import (
+    Region,
+    auxiliary_variables,
+    constants,
+    region,
+    region_of_number,
+    rhs,
+)
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number
@@ -283,7 +290,7 @@ def simulate_many(
 
 
 #: Of modes and guards, for events and errors.
-_TO_NAMES = modes.region_of, Region._fields.__getitem__
+_TO_NAMES = region_of_number, Region._fields.__getitem__
 
 
 def _exact(
