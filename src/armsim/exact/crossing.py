@@ -1,6 +1,6 @@
 """When a guard, a linear function of the state of a linear system, reaches one of its limits.
 
-The search never passes an crossing: from one time to the next it goes by steps for which a bound
+The search never passes a crossing: from one time to the next it goes by steps for which a bound
 proves that the guard keeps between its limits. Where a piece starts with a guard on a limit, its
 derivatives decide whether it leaves.
 """
@@ -377,11 +377,11 @@ def _rests(g, m, place, by_modes, end, w):
 
 
 @compiled
-def first_arrival(here, m, place, by_modes, end, w):
+def first_arrival(here, m, place, by_modes, end, longest_search, w):
     """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side.
 
     The proof is carried on for the guard for which it goes least far, until it goes to the end or
-    to the first crossing for all. After `MAX_SEARCH` steps it is `GIVEN_UP`.
+    to the first crossing for all. After `longest_search` steps it is `GIVEN_UP`.
     """
     guards = here.lower.size
     for g in range(guards):
@@ -398,7 +398,7 @@ def first_arrival(here, m, place, by_modes, end, w):
             if lower + farthest < w.value[g] < upper - farthest:
                 w.proven[g] = end
     first, side = -1, 0
-    for _ in range(MAX_SEARCH):
+    for _ in range(longest_search):
         g = min(0, guards)  # no literal 0, for which all that follows would be compiled once more
         for other in range(1, guards):
             if w.proven[other] < w.proven[g]:

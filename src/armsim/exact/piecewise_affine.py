@@ -19,7 +19,7 @@ from armsim.checks import IntegrationError
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
-from armsim.machine_code import generated, label
+from armsim.machine_code import generated, kept, label
 
 #: Events at one time after which the modes are taken to chase each other for ever.
 AT_ONCE = 25
@@ -51,7 +51,7 @@ class Record(NamedTuple):
 
 
 @merged
-def _run_piece(here, m, place, h, z, w):
+def _run_piece(here, m, place, h, longest_search, z, w):
     """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
 
     Where a guard leaves at once, or the search for the next is given up, the length is 0.
@@ -68,7 +68,7 @@ def _run_piece(here, m, place, h, z, w):
     else:
         modal.set_taylor(here.A, w.slope, w.taylor)
         h = min(h, m.reach[place])
-    h, guard, side = crossing.first_arrival(here, m, place, by_modes, h, w)
+    h, guard, side = crossing.first_arrival(here, m, place, by_modes, h, longest_search, w)
     if guard == crossing.GIVEN_UP:
         return h, guard, side
     for i in range(n):
@@ -121,8 +121,8 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         Mode at the start.
     sizes : (int, int)
         Number of guards, and of different matrices at most.
-    limits : (int, int)
-        Largest number of events and of pieces.
+    limits : (int, int, int)
+        Largest number of events, of pieces, and of steps of the search for an event.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         start[pieces, 0] = t
         for i in range(n):
             start[pieces, 1 + i], start[pieces, 1 + n + i] = z[i], w.slope[i]
-        h, guard, side = _run_piece(here, m, place, until - t, z, w)
+        h, guard, side = _run_piece(here, m, place, until - t, limits[2], z, w)
         if guard == crossing.GIVEN_UP:
             status = SEARCH_TOO_LONG
             break
@@ -192,7 +192,7 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
     return Record(status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t)
 
 
-@compiled
+@kept(**OPTIONS)
 def sample(record, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
     n, last, m = out.shape[0], -1, record.matrices
@@ -224,7 +224,7 @@ def _piece_at(record, t):
     return low
 
 
-@compiled
+@kept(**OPTIONS)
 def modes_at(record, times, out):
     """Set `out` (k,) to the modes of a run at `times` (k,)."""
     for j in range(times.size):
@@ -232,7 +232,7 @@ def modes_at(record, times, out):
 
 
 _RUN = """\
-def run(constants, starts, inputs, end, z, mode, limits):
+def run(constants, starts, inputs, end, z, mode, sizes, limits):
     return solve(
         equations, successor, given, constants, starts, inputs, end, z, mode, sizes, limits
     )
@@ -380,9 +380,8 @@ class System:
             "equations": self.equations,
             "successor": self.successor,
             "given": given,
-            "sizes": (self.guards, self.matrices),
         }
-        made_for = f"{label(self.equations)} {label(self.successor)} {names['sizes']}"
+        made_for = f"{label(self.equations)} {label(self.successor)}"
         return generated(_RUN, made_for, names, **OPTIONS)
 
     def solve(
@@ -434,9 +433,9 @@ class System:
         starts = np.array(times, dtype=float)
         if starts[0] != start or not (np.diff(starts) > 0).all():
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
-        record = self._run(
-            constants, starts, np.array(values, float), end, z, mode, (max_events, 10**6)
-        )
+        sizes, limits = (self.guards, self.matrices), (max_events, 10**6, crossing.MAX_SEARCH)
+        given_inputs = np.array(values, float)
+        record = self._run(constants, starts, given_inputs, end, z, mode, sizes, limits)
         require_finished(record)
         return ExactSolution(record, end, states, inputs=schedule)
 
