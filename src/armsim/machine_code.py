@@ -16,6 +16,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from importlib import metadata
+from operator import attrgetter
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -77,10 +78,10 @@ def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
         yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
     elif isinstance(value, types.Type | types.ExternalFunction):
         yield repr(value)
-    elif _library(value):
-        yield _name(value)
+    elif name := _defined_in(value, _LIBRARIES):  # not what is made with their classes
+        yield name
     elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
-        yield f"{_name(value)} {value._fields}"
+        yield f"{value.__qualname__} {value._fields}"
     elif isinstance(value, FunctionType):
         known = len(seen)
         yield f"function {seen.setdefault(id(value), known)}"
@@ -127,15 +128,15 @@ def _globals_used(code: CodeType, function: FunctionType) -> Iterator[Any]:
         yield value
 
 
-def _name(value: Any) -> str:
-    module = getattr(value, "__module__", None) or "builtins"
-    return f"{module}.{getattr(value, '__qualname__', getattr(value, '__name__', value))}"
-
-
-def _library(value: Any) -> bool:
-    """Whether a library defines this; what a user has made with numba's classes is the user's."""
-    made_with = type(value).__module__.partition(".")[0]
-    return callable(value) and made_with != "numba" and _name(value).split(".")[0] in _LIBRARIES
+def _defined_in(value: Any, modules: Iterable[str]) -> str:
+    """Full name of a value, or "" if none of these modules has it under its name."""
+    module = "numpy" if isinstance(value, np.ufunc) else getattr(value, "__module__", None)
+    name = getattr(value, "__qualname__", getattr(value, "__name__", None))
+    if module is None or name is None or module.partition(".")[0] not in modules:
+        return ""
+    with suppress(AttributeError, KeyError):
+        return f"{module}.{name}" if attrgetter(name)(sys.modules[module]) is value else ""
+    return ""
 
 
 # --- where it is kept -------------------------------------------------------------------------
@@ -192,10 +193,10 @@ def _type_parts(kind: types.Type) -> Iterator[str]:
         raise _Unknown(kind)
     yield str(kind)
     if isinstance(kind, types.BaseNamedTuple):
-        home, name = kind.instance_class.__module__, kind.instance_class.__qualname__
-        if home == "__main__" or getattr(sys.modules.get(home), name, None) is None:
+        name = _defined_in(kind.instance_class, sys.modules.keys() - {"__main__"})
+        if not name:
             raise _Unknown(kind)  # another process would not take it for the same class
-        yield f"{home}.{name} {kind.fields}"
+        yield f"{name} {kind.fields}"
     for item in kind.types if isinstance(kind, types.BaseTuple) else ():
         yield from _type_parts(item)
 
