@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
@@ -110,7 +110,6 @@ def test_each_region_has_numbers_of_its_own():
 
 
 @pytest.mark.parametrize("p", [P, ODD], ids=["paper", "odd"])
-@settings(max_examples=300, deadline=None)
 @given(
     signals=st.tuples(signal, signal, away_from_flanks, signal, signal, signal, signal),
     volts=st.floats(-10, 10),

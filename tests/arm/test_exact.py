@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from armsim.arm import AxisParameters, modes, simulate, simulate_many
@@ -244,7 +244,6 @@ def test_a_thousand_random_axes_run_without_failure():
     assert np.mean(events) > 20
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.lists(st.floats(-1, 1), min_size=7, max_size=7),

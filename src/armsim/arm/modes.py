@@ -177,7 +177,7 @@ def run(numbers, starts, volts, track, law, t_end, y0, limits):
     """Run an axis from `y0` (7,) with `volts` (j,) from the times `starts` (j,) on.
 
     If a `track` (j, 2) is given, they are filled in by the slave control unit with its `law`.
-    `numbers` (22,) are `dynamics.constants`, `limits` the largest numbers of events and pieces.
+    `numbers` (22,) are `dynamics.constants`; `limits` as for `piecewise_affine.solve`.
     Returns a `piecewise_affine.Record`.
     """
     z, mode = start(y0, numbers)

@@ -24,6 +24,7 @@ from armsim.arm.dynamics import (
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number
+from armsim.exact import crossing
 from armsim.exact.piecewise_affine import Event, ExactSolution, Record, require_finished
 from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
@@ -298,9 +299,13 @@ def _exact(
 ) -> tuple[Record, Callable[[Record, np.ndarray], np.ndarray]]:
     """Run an axis exactly; return the record and the function that makes states of it."""
     numbers = np.array(constants(p))
-    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, (MAX_EVENTS, MAX_PIECES))
+    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, _limits())
     require_finished(record, *_TO_NAMES)
     return record, partial(_states, numbers)
+
+
+def _limits() -> tuple[int, int, int]:
+    return MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH
 
 
 def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
@@ -319,7 +324,7 @@ def _ready_to_run() -> Callable[..., Record]:
     try:
         numbers = np.array(constants(AxisParameters.paper_x_axis()))
         given = _Inputs(np.zeros(1), np.zeros(1)).arrays
-        record = modes.run(numbers, *given, 1e-9, np.zeros(7), (MAX_EVENTS, MAX_PIECES))
+        record = modes.run(numbers, *given, 1e-9, np.zeros(7), _limits())
         _states(numbers, record, np.zeros(1))
     finally:
         timer.cancel()

@@ -400,11 +400,11 @@ def _rests(g, m, place, modes, end, w):
 
 
 @compiled
-def first_crossing(here, m, place, modes, end, w):
+def first_crossing(here, m, place, modes, end, longest_search, w):
     """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side.
 
     The guard with the shortest proven interval is advanced, until all are proven to the end or to
-    the first crossing. After `MAX_SEARCH` steps it is `GIVEN_UP`.
+    the first crossing. After `longest_search` steps it is `GIVEN_UP`.
     """
     guards = here.lower.size
     for g in range(guards):
@@ -420,7 +420,7 @@ def first_crossing(here, m, place, modes, end, w):
             if lower + farthest < w.value[g] < upper - farthest:
                 w.proven[g] = end
     first, side = -1, 0
-    for _ in range(MAX_SEARCH):
+    for _ in range(longest_search):
         g = min(0, guards)  # no literal 0, for which all that follows would be compiled once more
         for other in range(1, guards):
             if w.proven[other] < w.proven[g]:
