@@ -106,19 +106,12 @@ def _balance(A, unit):
 @compiled
 def find(A, m, count):
     """Place of `A` among the first `count` matrices; it is added if new; -1 if there is no room."""
-    n = A.shape[0]
     for place in range(count):
-        same = True
-        for i in range(n):
-            for j in range(n):
-                same = same and m.A[place, i, j] == A[i, j]
-        if same:
+        if (m.A[place] == A).all():
             return place
     if count == m.reach.size:
         return -1
-    for i in range(n):
-        for j in range(n):
-            m.A[count, i, j] = A[i, j]
+    m.A[count] = A
     m.reach[count] = 1.0 / _balance(A, m.unit[count])
     m.modes[count] = UNKNOWN
     return count
@@ -157,11 +150,7 @@ def _invert(V, W):
                 for j in range(n):
                     V[i, j] -= factor * V[k, j]
                     W[i, j] -= factor * W[k, j]
-    largest = 0.0
-    for i in range(n):
-        for j in range(n):
-            largest = max(largest, _size(W[i, j]))
-    return largest
+    return (W.real**2 + W.imag**2).max()
 
 
 @compiled
@@ -269,12 +258,7 @@ def _blockwise(C, rate, V):
                 v[block[i]] = vectors[i, k]
             if driven.size > 0 and not _extend(C, block, driven, values[k], v):
                 return False
-            largest = 0.0
-            for i in range(n):
-                largest = max(largest, _size(v[i]))
-            rate[done], largest = values[k], math.sqrt(largest)
-            for i in range(n):
-                V[i, done] = v[i] / largest
+            rate[done], V[:, done] = values[k], v / np.abs(v).max()
             done += 1
     return True
 
@@ -395,16 +379,9 @@ def set_amplitudes(m, place, slope, amplitude):
 @compiled
 def set_taylor(A, slope, taylor):
     """Coefficients of u, u², … in the state at a time u after the start of a piece."""
-    n = slope.size
-    for i in range(n):
-        taylor[0, i] = slope[i]
+    taylor[0] = slope
     for j in range(1, TERMS):
-        factor = 1.0 / (j + 1)
-        for i in range(n):
-            total = 0.0
-            for k in range(n):
-                total += A[i, k] * taylor[j - 1, k]
-            taylor[j, i] = factor * total
+        taylor[j] = A @ taylor[j - 1] / (j + 1)
 
 
 @compiled
