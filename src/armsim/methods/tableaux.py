@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 import sympy
@@ -49,40 +51,36 @@ class Tableau:
     reference: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        rows = [
-            [_exact(a, f"A[{i}][{j}]") for j, a in enumerate(row)] for i, row in enumerate(self.A)
-        ]
-        s = len(rows)
-        if s == 0:
+        if (s := len(self.A)) == 0:
             raise ValueError(f"tableau {self.name}: A is empty; at least one stage is needed")
-        for i, row in enumerate(rows):
-            if len(row) != s:
+        for label in ("A", "b", "b_embedded", "interpolant"):
+            if (given := getattr(self, label)) is not None:
+                exact = [self._row(label, i, item, s) for i, item in enumerate(given)]
+                self._check_length(label, exact, s)
+                object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
+        for i, j in combinations_with_replacement(range(s), 2):
+            if self.A[i, j] != 0:
                 raise ValueError(
-                    f"tableau {self.name}: row {i} of A has {len(row)} entries; a tableau of "
-                    f"{s} stages needs {s}"
+                    f"tableau {self.name}: A[{i}][{j}] = {self.A[i, j]} makes the method implicit; "
+                    "entries on and above the diagonal must be 0"
                 )
-            for j in range(i, s):
-                if row[j] != 0:
-                    raise ValueError(
-                        f"tableau {self.name}: A[{i}][{j}] = {row[j]} makes the method implicit; "
-                        "entries on and above the diagonal must be 0"
-                    )
-        object.__setattr__(self, "A", sympy.ImmutableDenseNDimArray(rows))
-        for label in ("b", "b_embedded", "interpolant"):
-            if (weights := getattr(self, label)) is None:
-                continue
-            if len(weights) != s:
-                raise ValueError(
-                    f"tableau {self.name}: {label} has {len(weights)} weights; a tableau of "
-                    f"{s} stages needs {s}"
-                )
-            exact = [
-                [_exact(w, f"{label}[{i}]") for w in weight]
-                if label == "interpolant"
-                else _exact(weight, f"{label}[{i}]")
-                for i, weight in enumerate(weights)
-            ]
-            object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
+
+    def _row(self, label: str, i: int, item: Any, s: int) -> Any:
+        """Return a weight, or a row of a matrix, in exact numbers."""
+        where = f"{label}[{i}]"
+        if label not in ("A", "interpolant"):
+            return _exact(item, where)
+        row = [_exact(number, f"{where}[{j}]") for j, number in enumerate(item)]
+        if label == "A":
+            self._check_length(where, row, s)
+        return row
+
+    def _check_length(self, label: str, row: list, s: int) -> None:
+        if len(row) != s:
+            raise ValueError(
+                f"tableau {self.name}: {label} has {len(row)} entries; a tableau of {s} stages "
+                f"needs {s}"
+            )
 
     @cached_property
     def c(self) -> sympy.Array:
