@@ -189,8 +189,8 @@ def eigen(A):
     """Complex eigenvalues (n,) and eigenvectors (n, n) of a real matrix, and a failure flag."""
     n = A.shape[0]
     # Two arrays hold all that LAPACK reads and writes. Both are read after the call, since numba
-    # could free them before it otherwise. 78 and 86 are the letters N and V: compute no left
-    # eigenvectors, but the right ones.
+    # might otherwise free them too early. 78 and 86 are the letters N and V, for no left but right
+    # eigenvectors.
     whole = np.array([78, 86, n, 1, 8 * n, 0], np.int32)
     left, right, size, one, length, info = 0, 1, 2, 3, 4, 5
     real = np.empty(2 * n * n + 10 * n)
