@@ -1,7 +1,7 @@
 """The seven state equations of one axis, paper's eq. (10)-(15), region by region.
 
-Two limits, backlash and static friction divide the state space into regions. In each region the
-equations are affine in the state and the input. `region` returns the region of a state.
+Two limits together with backlash and static friction divide the state space into regions. In each
+region the equations are affine in the state and the input. `region` returns the region of a state.
 `derivative` evaluates the equations *of a given region* at any state, so the matrices of a region
 come from the same code as a Runge-Kutta step.
 

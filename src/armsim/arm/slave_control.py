@@ -29,7 +29,7 @@ class Track:
     """Track data: positions and speeds that the master sends at equal intervals.
 
     Between two track points the motion is their cubic Hermite interpolant. After the last one the
-    arm is to stay at rest.
+    arm should remain at rest.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Track:
 
     @property
     def duration(self) -> float:
-        """Time in s after which the arm is to stay at rest."""
+        """Time in s after which the arm should remain at rest."""
         return self.period * (len(self.position) - 1)
 
     @cached_property

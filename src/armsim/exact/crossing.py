@@ -45,7 +45,7 @@ class Work(NamedTuple):
     amplitude: np.ndarray  #: (n,) complex amplitude of each mode in ż
     taylor: np.ndarray  #: (TERMS, n)
     value: np.ndarray  #: (g,) guard values at the start
-    noise: np.ndarray  #: (g,) rounding error of the value
+    noise: np.ndarray  #: (g,) rounding error allowed for the value
     order: np.ndarray  #: (g,) 0 between the limits; on one, order of the first nonzero derivative
     derivative: np.ndarray  #: (g,) magnitude of that derivative
     drift: np.ndarray  #: (g,) constant part of the slope, from states that are integrals
