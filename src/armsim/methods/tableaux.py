@@ -51,7 +51,7 @@ class Tableau:
     reference: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        if (s := len(self.A)) == 0:
+        if (s := len([*self.A])) == 0:  # of an array, len counts all entries
             raise ValueError(f"tableau {self.name}: A is empty; at least one stage is needed")
         for label in ("A", "b", "b_embedded", "interpolant"):
             if (given := getattr(self, label)) is not None:
