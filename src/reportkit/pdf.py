@@ -12,9 +12,9 @@ from pypdf.generic import NameObject, TextStringObject
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 MARGIN = PdfMargins(top="17mm", bottom="17mm", left="18mm", right="18mm")
-#: Headings in the order of the outline; a formula among the words is taken from its MathML.
-HEADINGS = """() => [...document.querySelectorAll('article :is(h1, h2, h3, h4, h5, h6)')]
-.map(heading => {
+#: Printed headings in the order of the outline; a formula among the words is taken from its MathML.
+HEADINGS = """() => [...document.querySelectorAll('h1, h2, h3, h4, h5, h6')]
+.filter(heading => heading.checkVisibility()).map(heading => {
   const copy = heading.cloneNode(true);
   copy.querySelectorAll('.headerlink, svg').forEach(part => part.remove());
   return copy.textContent.replace(/\\s+/g, ' ').trim();
@@ -50,6 +50,7 @@ def print_page(page: Path, pdf: Path) -> None:
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=browser(), args=["--no-sandbox"])
         tab = chromium.new_page(color_scheme="light")
+        tab.emulate_media(media="print")
         tab.goto(page.resolve().as_uri())
         tab.evaluate("() => window.MathJax?.startup?.promise")
         headings = tab.evaluate(HEADINGS)
