@@ -12,24 +12,29 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
 STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
 # What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
-INPUTS := $(shell find src data/axes data/measurements data/paper data/sensitivity \( -name __pycache__ -o -name '.*' \
-            -o -name claims.toml \) -prune -o -type f -print 2>/dev/null)
+INPUTS := $(shell find src data \( -name __pycache__ -o -name '.*' -o -path data/expected \
+            -o -name claims.toml \) -prune -o -type f -print)
 PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
          _config.yml _toc.yml
+
+# The tests, on all processors.
+PYTEST := $(BIN)/python -m pytest -n auto --dist=worksteal
 
 SHELL := /bin/bash
 unexport PYTHONPATH PYTHONHOME
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help install book pdf check test clean distclean forget
+.PHONY: help install book pdf check test fuzz coverage clean distclean forget
 .DELETE_ON_ERROR:
 
 help:
-	@echo 'make install    make the environment .venv, and compile the integration loops'
+	@echo 'make install    make the environment .venv'
 	@echo 'make book       the same, then execute the notebooks that need it and build the HTML'
 	@echo 'make pdf        the same, and the book as one PDF, printed by Chromium'
 	@echo 'make test       build everything from clean, then lint, type-check and run every test'
 	@echo 'make check      the same without the clean start'
+	@echo 'make fuzz       try the tests that draw examples with many new ones'
+	@echo 'make coverage   run the tests and show which lines of the packages they reach'
 	@echo 'make clean      remove what was built'
 	@echo 'make distclean  remove the environment and the machine code as well'
 	@echo
@@ -58,47 +63,28 @@ $(INSTALLED): pyproject.toml $(LOCKED)
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# Machine code of what several notebooks call, made once. Numba does not see when a function that it
-# has compiled into another one changes, so then all of it goes.
-CODE := $(wildcard src/armsim/arm/*.py src/armsim/methods/*.py) \
-        $(wildcard src/armsim/amplifier.py src/armsim/report/peers.py src/armsim/report/precompile.py)
-EMPTIED := $(VENV)/.emptied
-$(EMPTIED): $(CODE) $(LOCKED) | $(INSTALLED)
-	@find src \( -name '*.nb[ic]' -o -name 'loop_*.py' \) -delete
-	@touch $@
-
-COMPILED := $(VENV)/.solver $(VENV)/.loops
-$(COMPILED): $(VENV)/.%: $(EMPTIED)
-	@echo 'Compiling the $*'
-	@$(BIN)/python -m armbook.precompile $*
-	@touch $@
-
-install: $(COMPILED)
+install: $(INSTALLED)
 
 book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m reportkit.execute $< $(@D)
 
 # Two at a time; the notebooks that compare times wait, and then run one after another.
 MAKEFLAGS += --jobs=2
-TIMED := $(filter $(addprefix book/results/,$(addsuffix %,60 62 64)),$(RESULTS))
+CALLED := \bmeasure\(
+TIMED := $(patsubst notebooks/%,book/results/%,$(shell grep -lE '$(CALLED)' $(NOTEBOOKS) /dev/null))
 UNTIMED := $(filter-out $(TIMED),$(RESULTS))
 $(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
 
-$(RESULTS): | $(EMPTIED)
-$(filter-out $(addprefix book/results/,10% 12%),$(RESULTS)): | $(VENV)/.solver
-$(filter $(addprefix book/results/,14% 40% 52%),$(RESULTS)) $(TIMED): | $(VENV)/.loops
-
-VERDICTS := book/results/verdicts.md
-$(VERDICTS): $(RESULTS) data/paper/claims.toml $(if $(STALE),forget)
+# What the pages show of all results together: the verdicts; the modules, versions and data.
+SUMMARIES := $(addprefix book/results/,verdicts.md appendix-architecture.svg)
+$(SUMMARIES): $(RESULTS) $(INPUTS) data/paper/claims.toml $(LOCKED) $(if $(STALE),forget)
+book/results/verdicts.md:
 	@$(BIN)/python -m reportkit.claims $(@D)
-
-# Drawing of the modules, versions, hashes of the data.
-APPENDIX := book/results/appendix-architecture.svg
-$(APPENDIX): $(RESULTS) $(INPUTS) $(LOCKED) $(if $(STALE),forget)
+book/results/appendix-architecture.svg:
 	@$(BIN)/python -m armbook.architecture $(@D)
 
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.
-$(BUILT): $(PAGES) $(RESULTS) $(VERDICTS) $(APPENDIX) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
+$(BUILT): $(PAGES) $(RESULTS) $(SUMMARIES) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
 	@echo 'Building the HTML'
 	@rm -rf $@ _build/html _build/.doctrees
 	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null
@@ -129,15 +115,24 @@ check: book
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@echo 'Running the tests'
-	@$(BIN)/python -m pytest
+	@$(PYTEST)
 
 test: clean
 	@$(MAKE) --no-print-directory check
 
+# New examples each time. Those that fail are kept in .hypothesis and tried first the next time.
+SEED := $(shell date +%s)
+fuzz: $(INSTALLED)
+	@echo 'To try the same examples again: make fuzz SEED=$(SEED)'
+	@FUZZ_SEED=$(SEED) $(PYTEST) -m hypothesis --hypothesis-profile=fuzz
+
+coverage: book
+	@$(PYTEST) --cov
+
 clean:
 	@echo 'Removing what was built'
-	@rm -rf _build book/results .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@rm -rf _build book/results .pytest_cache .mypy_cache .ruff_cache .coverage
 
 distclean: clean
-	@rm -rf $(VENV)
+	@rm -rf $(VENV) .hypothesis
 	@find src tests -name __pycache__ -exec rm -rf {} +

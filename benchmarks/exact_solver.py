@@ -19,31 +19,19 @@ import numba
 import numpy as np
 import scipy
 import sksundae
-from numba import njit
-from scipy.integrate import odeint, solve_ivp
-from sksundae.cvode import CVODE
 
+from armbook.peers import peers
+from armbook.problems import Equations, Solve
 from armsim.arm import AxisParameters, simulate, simulate_many
 from armsim.arm.dynamics import constants, rhs
+from reportkit.timing import processor
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "reference" / "published_step.json"
 RTOL = 1e-8
 ATOL = RTOL * 1e-2 * np.array([1, 1, 100, 100, 1e3, 1e5, 10])  # of a size with each state
-SPAN, START, VOLTS = (0.0, 1.0), np.zeros(7), 10.0
-
-
-@njit(cache=True, error_model="numpy")
-def slope(t, y, k):
-    """For SciPy: a new array."""
-    return np.array(rhs(t, y, VOLTS, k))
-
-
-@njit(cache=True, error_model="numpy")
-def fill(t, y, out, k):
-    """For CVODE: fills an array."""
-    f = rhs(t, y, VOLTS, k)
-    for i in range(7):
-        out[i] = f[i]
+SPAN, START, VOLTS = np.array([0.0, 1.0]), np.zeros(7), 10.0
+ARM = Equations(rhs, ())
+PEERS = ("CVODE BDF", "CVODE Adams", "SciPy odeint", "SciPy LSODA", "SciPy DOP853")
 
 
 def exact(p: AxisParameters) -> np.ndarray:
@@ -54,39 +42,14 @@ def exact_with_curve(p: AxisParameters) -> np.ndarray:
     return simulate(p, VOLTS, 1.0).y[:, -1]
 
 
-def lsoda(p: AxisParameters) -> np.ndarray:
-    k = constants(p)
-    options = {"rtol": RTOL, "atol": ATOL, "mxstep": 10**6, "tfirst": True}
-    return odeint(slope, START, SPAN, args=(k,), **options)[-1]
-
-
-def lsoda_of_solve_ivp(p: AxisParameters) -> np.ndarray:
-    options = {"args": (constants(p),), "rtol": RTOL, "atol": ATOL}
-    return solve_ivp(slope, SPAN, START, "LSODA", **options).y[:, -1]
-
-
-def cvode(method: str) -> Callable[[AxisParameters], np.ndarray]:
-    def solve(p: AxisParameters) -> np.ndarray:
-        options = {"rtol": RTOL, "atol": ATOL, "max_num_steps": 10**6, "userdata": constants(p)}
-        return CVODE(fill, method=method, **options).solve(np.array(SPAN), START).y[-1]
-
-    return solve
-
-
-def dop853(p: AxisParameters) -> np.ndarray:
-    options = {"args": (constants(p),), "rtol": RTOL, "atol": ATOL}
-    return solve_ivp(slope, SPAN, START, "DOP853", **options).y[:, -1]
+def peer(solve: Solve) -> Callable[[AxisParameters], np.ndarray]:
+    return lambda p: solve(ARM, SPAN, START, (VOLTS, constants(p)))[1][:, -1]
 
 
 SOLVERS: dict[str, Callable[[AxisParameters], np.ndarray]] = {
     "exact": exact,
     "exact, with 1000 points": exact_with_curve,
-    "CVODE, BDF": cvode("BDF"),
-    "CVODE, Adams": cvode("Adams"),
-    "LSODA (odeint)": lsoda,
-    "LSODA (solve_ivp)": lsoda_of_solve_ivp,
-    "DOP853": dop853,
-}
+} | {name: peer(solve) for name, solve in peers(RTOL, ATOL).items() if name in PEERS}
 
 
 def timed(function: Callable, axes: list[AxisParameters]) -> float:
@@ -125,8 +88,7 @@ def main() -> None:
             f"{name:24} {1e6 * min(seconds):7.0f} µs {1e6 * np.median(seconds):7.0f} µs "
             f"{middle:8.0f} ({low:.0f} to {high:.0f}) {errors[name]:9.1e}"
         )
-    peers = [name for name in SOLVERS if not name.startswith("exact")]
-    fastest = min(peers, key=lambda name: min(times[name]))
+    fastest = min(PEERS, key=lambda name: min(times[name]))
     ratio = np.median(np.array(times[fastest]) / np.array(times["exact"]))
     print(
         f"\nagainst the fastest peer, {fastest}: {ratio:.0f} times faster, and "
@@ -146,17 +108,9 @@ def main() -> None:
         f"{module.__name__} {module.__version__}" for module in (np, numba, scipy, sksundae)
     )
     print(
-        f"\n{platform.machine()}, {os.cpu_count()} processors, {_processor()}; "
+        f"\n{platform.machine()}, {os.cpu_count()} processors, {processor()}; "
         f"Python {platform.python_version()}, {versions}; load {os.getloadavg()[0]:.1f}"
     )
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next(line.partition(": ")[2] for line in lines if line.startswith("model name"))
 
 
 if __name__ == "__main__":

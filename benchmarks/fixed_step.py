@@ -21,6 +21,7 @@ from numba import njit
 from armsim.arm import AxisParameters
 from armsim.arm.dynamics import constants, rhs
 from armsim.methods import integrate, tableaux
+from reportkit.timing import processor
 
 HERE = Path(__file__).parent
 FLAGS = {
@@ -136,15 +137,6 @@ def compare(case: Case, variants: dict[str, ctypes.CDLL], repetitions: int) -> s
         f"{case.label:28}{ns[0]:8.2f}{ns[1]:8.2f}   "
         f"{ratio[0]:.3f} ({ratio[1]:.3f} to {ratio[2]:.3f})   {best}"
     )
-
-
-def processor() -> str:
-    """Name of the processor where the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        return next(line.partition(":")[2].strip() for line in lines if "model name" in line)
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
 
 
 def main() -> None:

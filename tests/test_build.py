@@ -14,7 +14,7 @@ SOURCES = """
     notebooks/10_one.ipynb notebooks/20_two.ipynb
 """
 PYTHON = """#!/bin/sh
-[ "$2" = pip ] || [ "$2" = armbook.precompile ] && exit
+[ "$2" = pip ] && exit
 [ "$2" = reportkit.claims ] && echo verdicts >> log && touch "$3/verdicts.md" && exit
 [ "$2" = armbook.architecture ] && touch "$3/appendix-architecture.svg" && exit
 echo "$3" >> log
@@ -92,6 +92,7 @@ def test_nothing_changed_does_nothing(tree):
         ("data/paper/claims.toml", ["html", "verdicts"]),
         ("data/measurements/new.csv", ALL),
         ("data/axes/new.toml", ALL),
+        ("data/choices.toml", ALL),
         ("data/expected/20_two.json", []),
         ("src/armsim/__pycache__/code.pyc", []),
         ("book/page.md", ["html"]),
@@ -146,21 +147,21 @@ def test_unfit_python_is_refused_with_advice(tree):
     assert (tree.root / ".venv/bin/python").exists()
 
 
-def test_machine_code_goes_when_what_is_compiled_into_it_changes(tree):
-    code = tree.write("src/armsim/methods/__pycache__/loop_1.py")
-    kept = tree.write("src/armsim/methods/__pycache__/__pycache__/loop_1.nbi")
-    tree.make("book")
-    tree.write("src/armsim/page.py")
-    assert tree.make_now("book") == ALL
-    assert code.exists() and kept.exists() and "Compiling" not in tree.last.stdout
+def test_notebooks_that_measure_run_alone_after_all_others(tree):
+    for name in ("10_one", "30_three", "40_four"):
+        tree.write(f"notebooks/{name}.ipynb", "timing = measure(functions)\n")
+    tree.write("notebooks/50_five.ipynb", "we measure it; unmeasure(this)\n")
+    tree.make("book", "--jobs=4")
+    steps = (tree.root / "log").read_text().split()
+    order = [step for step in steps if "0_" in step]
+    assert {*order[:2]} == {f"notebooks/{name}.ipynb" for name in ("20_two", "50_five")}
+    assert order[2:] == [f"notebooks/{name}.ipynb" for name in ("10_one", "30_three", "40_four")]
+
+
+def test_machine_code_stays_until_distclean(tree):
+    code = tree.write("src/armsim/__pycache__/loop.nbc")
     tree.make("clean")
-    assert code.exists() and kept.exists()
-    tree.make("book")
-    tree.write("src/armsim/arm/dynamics.py")
-    assert tree.make_now("book") == ALL
-    assert not code.exists() and not kept.exists()
-    assert "Compiling the solver" in tree.last.stdout  # the loops are for other notebooks
-    tree.write("src/armsim/methods/__pycache__/loop_1.py")
+    assert code.exists()
     tree.make("distclean")
     assert not code.exists() and not (tree.root / ".venv").exists()
 

@@ -13,7 +13,8 @@ from numba import njit
 
 from armsim.arm import AxisParameters, simulate
 from armsim.arm.dynamics import constants, rhs
-from armsim.arm.measurement import Measurement, read_axis, signals, write_measurement
+from armsim.arm.files import read_axis, write_measurement
+from armsim.arm.measurement import Measurement, signals
 from armsim.arm.slave_control import SlaveControl
 from armsim.methods import integrate, tableaux
 

@@ -9,10 +9,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from armbook.peers import linear_arguments, linear_flow, region_flow, region_number
+from armbook.problems import linear_arguments, linear_flow, region_flow
 from armsim import amplifier
 from armsim.arm import AxisParameters, simulate
-from armsim.arm.dynamics import Region, constants, rhs
+from armsim.arm.dynamics import Region, constants, region_number, rhs
 from armsim.methods import IntegrationError, integrate, tableaux
 from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau

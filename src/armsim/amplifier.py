@@ -11,15 +11,22 @@ problem. A pump from the far end would make it a boundary-value problem, which s
 a sequence of initial-value problems like this one. Noise and Rayleigh scattering are left out.
 """
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from scipy.constants import c
+from scipy.integrate import solve_ivp
 from scipy.special import wofz
 
-from armsim.checks import checked_number
+from armsim.checks import IntegrationError, checked_number
 from armsim.machine_code import kept
+from armsim.methods import integrate, tableaux
+from armsim.methods.runge_kutta import Form
+from armsim.methods.tableaux import Tableau
 
 #: Vibrational modes of silica: position, strength, and full widths at half maximum of the Gaussian
 #: and of the Lorentzian part, in 1/cm but for the strength, which is relative. Hollenbeck and
@@ -154,6 +161,126 @@ class RamanAmplifier:
     def photons(self, power: np.ndarray) -> np.ndarray:
         """Photon flux, Σ P/hν up to h: without loss it is the same all along the fibre."""
         return np.tensordot(1 / self.frequency, power, axes=1)
+
+    def scaled(self, factor: float) -> Self:
+        """Return the amplifier with all powers multiplied by a factor."""
+        pumps = tuple(factor * power for power in self.pump_powers)
+        return replace(self, pump_powers=pumps, channel_power=factor * self.channel_power)
+
+    # --- the solution, and what is read off it
+
+    @cached_property
+    def solution(self) -> Callable[[np.ndarray | float], np.ndarray]:
+        """Powers in W as a function of the position in m, to a dozen digits: DOP853 for ln P."""
+        run = solve_ivp(
+            log_rhs, (0.0, self.length), np.log(self.input_power), "DOP853", args=self.args,
+            rtol=1e-13, atol=1e-14, dense_output=True,
+        )  # fmt: skip
+        return lambda z: np.exp(run.sol(z))
+
+    @cached_property
+    def output_power(self) -> np.ndarray:
+        """Of each wave at the end of the fibre, W."""
+        return self.solution(self.length)
+
+    @property
+    def on_off_gain(self) -> np.ndarray:
+        """Of each signal, dB: its output power over that with the loss alone."""
+        lossy = self.input_power * np.exp(-self.loss * self.length)
+        return 10 * np.log10(self.output_power / lossy)[len(self.pump_powers) :]
+
+    def fastest_rates(self) -> tuple[float, float]:
+        """Largest eigenvalues, 1/m, of the Jacobians in P and in ln P at the end of the fibre.
+
+        They are diag(F) + diag(P) ∂F/∂P and, up to similarity, the second term alone.
+        """
+        power = self.output_power
+        coupling = power[:, None] * self.gain.T
+        jacobians = np.diag(growth_rate(power, *self.args)) + coupling, coupling
+        of_power, of_logarithm = (float(np.abs(np.linalg.eigvals(J)).max()) for J in jacobians)
+        return of_power, of_logarithm
+
+    def error(self, power: np.ndarray) -> float:
+        """Largest relative error of the powers that a method finds at the end of the fibre."""
+        return float(np.abs(power / self.output_power - 1).max())
+
+    # --- solvers
+
+    def run(self, method: Tableau, form: Form, steps: int) -> np.ndarray:
+        """Powers (waves, steps + 1) in W after each step; infinite if the method breaks down."""
+        span, step_size = (0.0, self.length), self.length / steps
+        try:
+            return integrate(rhs, span, self.input_power, method, step_size, form, self.args).y
+        except IntegrationError:
+            return np.full((self.input_power.size, steps + 1), np.inf)
+
+    def averaged(self, sections: int) -> np.ndarray:
+        """Output powers by `average_power` with two evaluations in each section."""
+        return average_power(self.input_power, *self.args, self.length, sections, 2)
+
+    def controlled(self, form: Form, rtol: float) -> tuple[int, np.ndarray]:
+        """Evaluations and output powers of DP5(4) with controlled steps."""
+        span, start = (0.0, self.length), self.input_power
+        run = integrate(rhs, span, start, tableaux.DP5, None, form, self.args, rtol=rtol, atol=0)
+        return run.nfev, run.y[:, -1]
+
+    def by_scipy(self, method: str, rtol: float) -> tuple[int, np.ndarray]:
+        """Evaluations and output powers of `scipy.integrate.solve_ivp`."""
+        span, start = (0.0, self.length), self.input_power
+        run = solve_ivp(rhs, span, start, method, args=self.args, rtol=rtol, atol=0)
+        return run.nfev, run.y[:, -1]
+
+    def by_scipy_for_logarithms(self, method: str, rtol: float) -> tuple[int, np.ndarray]:
+        """Return the same from the equations for ln P, where `rtol` is an absolute tolerance."""
+        span, start = (0.0, self.length), np.log(self.input_power)
+        run = solve_ivp(log_rhs, span, start, method, args=self.args, rtol=1e-13, atol=rtol)
+        return run.nfev, np.exp(run.y[:, -1])
+
+    def steps_for(self, target: float, method: Tableau, form: Form) -> float:
+        """Fewest steps with which the output powers err by at most `target`; see `fewest`."""
+        return fewest(lambda n: self.error(self.run(method, form, n)[:, -1]) <= target, 2**12)
+
+    def sections_for(self, target: float) -> float:
+        """Fewest sections with which `averaged` errs by at most `target`; see `fewest`."""
+        return fewest(lambda n: self.error(self.averaged(n)) <= target, 2**18)
+
+    def positive_steps(self, method: Tableau, form: Form) -> float:
+        """Fewest steps with which all powers stay positive and finite; see `fewest`."""
+
+        def works(n: int) -> bool:
+            power = self.run(method, form, n)
+            return bool(((power > 0) & np.isfinite(power)).all())
+
+        return fewest(works, 2**12)
+
+
+def fewest(succeeds: Callable[[int], bool], most: int) -> float:
+    """Smallest number that succeeds, as every larger one does.
+
+    Parameters
+    ----------
+    succeeds : callable
+        Takes a number from 1 on.
+    most : int
+        Largest number that is tried, 64 or more.
+
+    Returns
+    -------
+    float
+        Exact up to 512, and at most half a per cent too large beyond; NaN if none succeeds. Where
+        some numbers below 64 succeed and a larger one does not, one more than the largest failure.
+    """
+    n = 64
+    if succeeds(n):
+        return float(next((m + 1 for m in range(n - 1, 0, -1) if not succeeds(m)), 1))
+    while not succeeds(n := 2 * n):
+        if 2 * n > most:
+            return math.nan
+    low = n // 2
+    while n - low > max(1, low // 256):
+        middle = (low + n) // 2
+        low, n = (low, middle) if succeeds(middle) else (middle, n)
+    return float(n)
 
 
 @kept()

@@ -10,26 +10,36 @@ kept, and each process compiles the function again.
 import builtins
 import dis
 import hashlib
+import os
+import pickle
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from importlib import metadata
+from operator import attrgetter
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 from numba import config, njit, types
-from numba.core.caching import _CacheLocator
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
 from numba.extending import is_jitted
 from numba.misc.appdirs import AppDirs
 
-#: Packages known by their version: numba has implementations of its own for what is called there.
+#: Known by their versions: numba has implementations of its own for what is called there.
 _LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "scipy"}
+_VERSIONS = [sys.version, *(metadata.version(name) for name in ("numba", "numpy", "scipy"))]
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), np.generic, np.dtype)
+#: Types of arguments whose texts tell all about them.
+_SIMPLE = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.Omitted, types.NoneType)
 
 
 class _Unknown(Exception):
-    """What a function is made of cannot be told."""
+    """What a function is made of cannot be known."""
 
 
 def fingerprint(function: Callable) -> str | None:
@@ -41,24 +51,25 @@ def fingerprint(function: Callable) -> str | None:
         A Python function, or one that numba compiles. Line numbers, comments and the docstring
         do not count.
     """
-    digest = hashlib.sha256()
     try:
-        for part in _parts(function, set()):
-            digest.update(f"{part}\0".encode())
-    except _Unknown:
+        return _digest([*_VERSIONS, *_parts(function, {})])
+    except (_Unknown, ValueError):  # ValueError: a variable outside the function has no value yet
         return None
-    return digest.hexdigest()
 
 
-def _parts(value: Any, seen: set[int]) -> Iterator[str]:
-    """Texts that together tell a value that a function uses, each function once."""
+def _digest(texts: Iterable[str]) -> str:
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:32]
+
+
+def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
+    """Texts that together describe a value that a function uses, each function once."""
     if is_jitted(value):
         yield from _parts(sorted(value.targetoptions.items()), seen)
         value = value.py_func
     if isinstance(value, _PLAIN):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, tuple | list):
-        yield f"{type(value).__name__} of {len(value)}"
+        yield f"{type(value).__name__} {getattr(value, '_fields', len(value))}"
         for item in value:
             yield from _parts(item, seen)
     elif isinstance(value, set | frozenset):
@@ -67,28 +78,28 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
     elif isinstance(value, types.Type | types.ExternalFunction):
         yield repr(value)
-    elif _library(value):
-        yield f"{_name(value)} {_version(_name(value).partition('.')[0])}"
+    elif name := _defined_in(value, _LIBRARIES):  # not what is made with their classes
+        yield name
     elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
-        yield f"{_name(value)} {value._fields}"
+        yield f"{value.__qualname__} {value._fields}"
     elif isinstance(value, FunctionType):
-        if id(value) not in seen:
-            seen.add(id(value))
+        known = len(seen)
+        yield f"function {seen.setdefault(id(value), known)}"
+        if seen[id(value)] == known:
             yield from _function_parts(value, seen)
     else:
         raise _Unknown(value)
 
 
-def _function_parts(function: FunctionType, seen: set[int]) -> Iterator[str]:
+def _function_parts(function: FunctionType, seen: dict[int, int]) -> Iterator[str]:
     yield from _parts(function.__defaults__ or (), seen)
-    cells = function.__closure__ or ()
-    for cell in cells:
+    for cell in function.__closure__ or ():
         yield from _parts(cell.cell_contents, seen)
     yield from _code_parts(function.__code__, function, seen)
 
 
-def _code_parts(code: CodeType, function: FunctionType, seen: set[int]) -> Iterator[str]:
-    yield code.co_code.hex()
+def _code_parts(code: CodeType, function: FunctionType, seen: dict[int, int]) -> Iterator[str]:
+    yield code.co_code.hex() + code.co_exceptiontable.hex()
     yield repr((code.co_argcount, code.co_names, code.co_varnames, code.co_freevars))
     for constant in code.co_consts:
         if isinstance(constant, CodeType):  # a lambda or comprehension inside
@@ -117,65 +128,88 @@ def _globals_used(code: CodeType, function: FunctionType) -> Iterator[Any]:
         yield value
 
 
-def _name(value: Any) -> str:
-    module = getattr(value, "__module__", None) or "builtins"
-    return f"{module}.{getattr(value, '__qualname__', getattr(value, '__name__', value))}"
-
-
-def _library(value: Any) -> bool:
-    return callable(value) and _name(value).partition(".")[0] in _LIBRARIES
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return sys.version
+def _defined_in(value: Any, modules: Iterable[str]) -> str:
+    """Full name of a value, or "" if none of these modules has it under its name."""
+    module = "numpy" if isinstance(value, np.ufunc) else getattr(value, "__module__", None)
+    name = getattr(value, "__qualname__", getattr(value, "__name__", None))
+    if module is None or name is None or module.partition(".")[0] not in modules:
+        return ""
+    with suppress(AttributeError, KeyError):
+        return f"{module}.{name}" if attrgetter(name)(sys.modules[module]) is value else ""
+    return ""
 
 
 # --- where it is kept -------------------------------------------------------------------------
 
 
-class _Locator(_CacheLocator):
-    """Tells numba where the code of a function is kept, and what makes it stale."""
+class _Files(NullCache):
+    """The kept code of one function: a file for each signature.
 
-    def __init__(self, function: FunctionType, stamp: str, folder: Path) -> None:
-        self._stamp, self._folder = stamp, folder
+    The name of a file holds all that its code is made of, and a file appears whole or not at all.
+    So processes that compile at the same time never find each other's code under a wrong name, as
+    they can by numba's own index.
+    """
+
+    def __init__(self, function: Any, stamp: str, folder: Path) -> None:
         # Scripts share the module's name, generated functions share the module.
         file, module = function.__code__.co_filename, function.__module__
-        place = f"{module} {file if module == '__main__' or file.startswith('<') else ''}"
-        self._place = hashlib.sha256(place.encode()).hexdigest()[:12]
+        place = file if module == "__main__" or file.startswith("<") else ""
+        name = function.__qualname__.replace("<", "").replace(">", "")
+        self._folder, self._base = folder, f"{name}-{_digest([module, place])[:12]}"
+        self._stamp = stamp[:20]
 
-    def get_cache_path(self) -> str:
+    @property
+    def cache_path(self) -> str:
         return str(self._folder)
 
-    def get_source_stamp(self) -> str:
-        return self._stamp
-
-    def get_disambiguator(self) -> str:
-        return self._place
-
-    @classmethod
-    def from_function(cls, function: FunctionType, file: str) -> "_Locator | None":
-        stamp = fingerprint(function)
-        if stamp is None:
-            return None
-        for folder in _folders():
-            self = cls(function, stamp, folder)
-            try:
-                self.ensure_cache_path()
-            except OSError:
-                continue
-            return self
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        with suppress(OSError, _Unknown):
+            data = self._file(sig, target_context.codegen()).read_bytes()
+            return CompileResult._rebuild(target_context, *pickle.loads(data))
         return None
 
+    def save_overload(self, sig: Any, data: Any) -> None:
+        if data.lifted or data.library.has_dynamic_globals:  # it holds addresses of this process
+            return
+        with suppress(OSError, _Unknown):
+            file = self._file(sig, data.codegen)
+            for old in set(self._folder.glob(f"{self._base}.*")):
+                if self._stamp not in old.name:
+                    old.unlink(missing_ok=True)
+            new = file.with_suffix(f".{uuid4().hex}")
+            new.write_bytes(dumps(data._reduce()))
+            new.replace(file)
 
-def _folders() -> Iterator[Path]:
-    """Folders to keep code in; the first that can be written to is taken."""
-    if config.CACHE_DIR:
-        yield Path(config.CACHE_DIR, "armsim")
-    yield Path(__file__).parent / "__pycache__"
-    yield Path(AppDirs("armsim", appauthor=False).user_cache_dir)
+    def _file(self, sig: Any, codegen: Any) -> Path:
+        arguments = [part for kind in getattr(sig, "args", sig) for part in _type_parts(kind)]
+        digest = _digest([*arguments, repr(codegen.magic_tuple())])
+        return self._folder / f"{self._base}.{self._stamp}.{digest[:20]}.nbc"
+
+
+def _type_parts(kind: types.Type) -> Iterator[str]:
+    """Texts that together describe the type of an argument."""
+    if not isinstance(kind, _SIMPLE):
+        raise _Unknown(kind)
+    yield str(kind)
+    if isinstance(kind, types.BaseNamedTuple):
+        name = _defined_in(kind.instance_class, sys.modules.keys() - {"__main__"})
+        if not name:
+            raise _Unknown(kind)  # another process would not take it for the same class
+        yield f"{name} {kind.fields}"
+    for item in kind.types if isinstance(kind, types.BaseTuple) else ():
+        yield from _type_parts(item)
+
+
+def _folder() -> Path | None:
+    """Folder to keep code in: the first that can be written to, if there is one."""
+    places = [Path(__file__).parent / "__pycache__", Path(AppDirs("armsim").user_cache_dir)]
+    for folder in [Path(config.CACHE_DIR, "armsim"), *places] if config.CACHE_DIR else places:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    return None
 
 
 def kept(**options: Any) -> Callable[[Callable], Callable]:
@@ -193,14 +227,10 @@ def kept(**options: Any) -> Callable[[Callable], Callable]:
     """
 
     def compiled(function: Callable) -> Callable:
-        before = config.CACHE_LOCATOR_CLASSES
-        config.CACHE_LOCATOR_CLASSES = f"{__name__}._Locator"
-        try:
-            return njit(cache=True, **options)(function)
-        except RuntimeError:  # no fingerprint, or no folder that can be written to
-            return njit(**options)(function)
-        finally:
-            config.CACHE_LOCATOR_CLASSES = before
+        dispatcher, stamp, folder = njit(**options)(function), fingerprint(function), _folder()
+        if stamp is not None and folder is not None:
+            dispatcher._cache = _Files(function, stamp, folder)
+        return dispatcher
 
     return compiled
 

@@ -110,9 +110,13 @@ class Study:
         glue(name, ("yes" if value else "no") if isinstance(value, bool) else value, display=False)
 
     def record_all(self, values: Mapping[str, Any], unit: str | None = None, **rule: Any) -> None:
-        """Record several values of one unit under one rule; see `record`."""
+        """Record several values of one unit under one rule; see `record`.
+
+        A NaN is a measurement that does not apply, and is left out: what is missing is not zero.
+        """
         for name, value in values.items():
-            self.record(name, value, unit, **rule)
+            if value == value:  # a NaN is not
+                self.record(name, value, unit, **rule)
 
     def figure(
         self,

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
@@ -17,6 +17,8 @@ from armsim.arm.dynamics import (
     constants,
     derivative,
     region,
+    region_number,
+    region_of_number,
     rhs,
 )
 from armsim.methods import integrate, tableaux
@@ -97,8 +99,17 @@ away_from_flanks = st.floats(-3, 3).filter(lambda gap: abs(abs(gap) - 1) > 1e-3)
 signal = st.floats(-3, 3)
 
 
+def test_each_region_has_numbers_of_its_own():
+    """108 regions; those without static friction have two numbers, for the two fast ranges."""
+    of_number = {number: region_of_number(number) for number in range(135)}
+    regions = {Region(*signs) for signs in itertools.product((-1, 0, 1), (-1, 0, 1), (-1, 0, 1),
+                                                             (-1, 0, 1, STUCK))}  # fmt: skip
+    assert set(of_number.values()) == regions
+    assert all(of_number[region_number(where)] == where for where in regions)
+    assert [region_number(where, n % 5) for n, where in of_number.items()] == list(range(135))
+
+
 @pytest.mark.parametrize("p", [P, ODD], ids=["paper", "odd"])
-@settings(max_examples=300, deadline=None)
 @given(
     signals=st.tuples(signal, signal, away_from_flanks, signal, signal, signal, signal),
     volts=st.floats(-10, 10),

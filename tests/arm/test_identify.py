@@ -10,6 +10,7 @@ from joblib import parallel_config
 from scipy.optimize import approx_fprime
 
 from armsim.arm import identify
+from armsim.arm.files import read_axis, read_measurement
 from armsim.arm.identify import (
     SIGNALS,
     Problem,
@@ -19,7 +20,6 @@ from armsim.arm.identify import (
     identifiability,
     profile,
 )
-from armsim.arm.measurement import read_axis, read_measurement
 from armsim.methods import IntegrationError, tableaux
 from armsim.paths import DATA
 
@@ -228,14 +228,14 @@ def test_wrong_model_is_found_out(curved):
         ({"bounds": {"V_L": (2, 1)}}, "bounds of V_L: 2 to 1; 0 < low < high"),
         ({"axis": AXIS.replace(F_0=0)}, "bounds of F_0: 0.0 to 0.0"),
         ({"starts": 0}, "starts = 0 is not allowed"),
-        ({"starts": True}, "starts = True is not allowed"),
+        ({"starts": True}, "starts = True is a bool"),
         ({"step_size": 1e-5}, "step_size = 1e-05 is for a Runge-Kutta method"),
         ({"measurement": dataclasses.replace(RECORD, set_velocity=0 * RECORD.t)}, "no motion"),
     ],
 )
 def test_input_is_checked(changes, message):
     arguments = {"measurement": RECORD, "axis": AXIS, "instrument": INSTRUMENT} | changes
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         fit(**arguments)
 
 
@@ -263,7 +263,7 @@ def test_profile_checks_its_input(found, name, values):
 
 @pytest.mark.parametrize("n", [1, True])
 def test_bootstrap_checks_its_input(found, n):
-    with pytest.raises(ValueError, match="at least 2"):
+    with pytest.raises((ValueError, TypeError), match=f"n = {n} "):
         bootstrap(found, n)
 
 

@@ -1,12 +1,20 @@
-"""The reduced linear model against SciPy, and as the limit of the seven state equations."""
+"""Linear models against SciPy and against runs; the reduced one as a limit of the seven states."""
 
 import numpy as np
 import pytest
 from scipy import signal
-from scipy.linalg import expm
+from scipy.linalg import eigh, expm
 
 from armsim.arm import AxisParameters, LinearAxis, simulate
-from armsim.arm.dynamics import Region, affine
+from armsim.arm.dynamics import Region, affine, constants, region, rhs
+from armsim.arm.linear import (
+    ENGAGED,
+    eigenvalues,
+    gear_oscillation,
+    oscillation,
+    steady_motion,
+)
+from armsim.arm.response import loop_ringing
 from armsim.methods import tableaux
 
 P = AxisParameters.paper_x_axis()
@@ -220,6 +228,70 @@ def test_the_effect_of_backlash_and_of_static_friction_vanishes_in_proportion(na
     # 5 %: the time for which a nonlinearity acts changes with it
     assert errors[0] / errors[1] == pytest.approx(10, rel=0.05)
     assert errors[1] / errors[2] == pytest.approx(10, rel=0.05)
+
+
+# --- the seven-state model inside a region ------------------------------------------------------
+
+GAP = Region(preamplifier=0, power=0, contact=0, friction=0)
+HELD = Region(preamplifier=1, power=0, contact=0, friction=0)  # no spring, and no feedback
+
+
+@pytest.mark.parametrize(("where", "motions"), [(ENGAGED, 6), (GAP, 5)])
+def test_eigenvalues_are_those_of_the_jacobian_of_the_right_hand_side(where, motions):
+    k, state = constants(P), np.zeros(7)
+    state[1], state[2] = 0.5, 2 * P.H / P.r_g * where.contact
+    state[3] = state[1] / P.r_g
+    assert region(state, k) == where
+    h = 1e-7
+    columns = [
+        (np.array(rhs(0.0, state + h * unit, 0.0, k)) - rhs(0.0, state - h * unit, 0.0, k))
+        / (2 * h)
+        for unit in np.eye(7)
+    ]
+    theirs = np.linalg.eigvals(np.array(columns).T)
+    theirs = theirs[np.argsort(np.abs(theirs))][-motions:]
+    ours = eigenvalues(P, where)
+    assert ours.size == motions
+    # differences of forces up to 1e5 N with steps of 1e-7 lose about 1e-6 of them
+    assert np.sort_complex(ours) == pytest.approx(np.sort_complex(theirs), rel=1e-4)
+
+
+@pytest.mark.parametrize("T_p", [0.04, 0.3])
+def test_oscillation_is_what_a_run_shows(T_p):
+    p = P.replace(T_p=T_p)
+    measured = loop_ringing(simulate(p, 10.0, 2.5))
+    assert oscillation(p) == pytest.approx(measured, rel=2e-3)
+
+
+def test_oscillation_below_a_frequency_and_none_at_all():
+    fast, slow = oscillation(P.replace(T_p=0.0071)), oscillation(P.replace(T_p=0.0071), highest=200)
+    assert fast[0] > 200 > slow[0] > 20
+    assert fast[1] < 0 < slow[1]  # the current loop is unstable there
+    assert np.isnan(oscillation(P, HELD)).all()
+    assert np.isnan(oscillation(P, highest=1.0)).all()
+
+
+def test_gear_oscillation_is_that_of_two_masses_and_a_spring():
+    masses = np.diag([P.M, P.J_m / P.r_g**2])
+    pull = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    natural = np.sqrt(eigh(P.K_g * pull, masses, eigvals_only=True)[1])
+    frequency, damping = gear_oscillation(P)
+    assert frequency == pytest.approx(natural / (2 * np.pi), rel=1e-12)
+    inverse = np.linalg.inv(masses)
+    both = np.block(
+        [[np.zeros((2, 2)), np.eye(2)], [-P.K_g * inverse @ pull, -P.b_g * inverse @ pull]]
+    )
+    mode = max(np.linalg.eigvals(both), key=lambda value: value.imag)
+    assert mode == pytest.approx(natural * (-damping + 1j * np.sqrt(1 - damping**2)), rel=1e-9)
+
+
+@pytest.mark.parametrize("velocity", [1.0, 0.3])
+def test_steady_motion_is_where_a_long_run_ends(velocity):
+    state, volts = steady_motion(P, velocity)
+    end = simulate(P, volts, 3.0)(3.0)
+    assert volts == pytest.approx(10 * velocity, rel=1e-12)
+    moved = np.array([end[0], 0, end[0] / P.r_g, 0, 0, 0, 0])
+    assert end - moved == pytest.approx(state, rel=1e-6, abs=1e-8)
 
 
 # --- what is refused ----------------------------------------------------------------------------

@@ -7,7 +7,8 @@ import numpy as np
 
 from armbook.cli import main
 from armsim.arm import simulate
-from armsim.arm.measurement import Measurement, read_axis, signals, write_measurement
+from armsim.arm.files import read_axis, write_measurement
+from armsim.arm.measurement import Measurement, signals
 from armsim.paths import DATA
 
 

@@ -50,6 +50,7 @@ def visit(browser):
 
     def visit(url):
         context = browser.new_context(viewport={"width": WIDTHS["laptop"], "height": 900})
+        context.set_default_timeout(300_000)  # ms; for a page that will never come, not a slow one
         contexts.append(context)
         page = context.new_page()
         page.on("request", request)
@@ -95,7 +96,7 @@ def test_page_reads_well(path, visit):
     # no colour half-way from light to dark
     page.add_style_tag(content="*, ::before, ::after { transition: none !important; }")
     page.emulate_media(color_scheme="dark")
-    page.wait_for_function("document.documentElement.dataset.theme == 'dark'", timeout=5000)
+    page.wait_for_function("document.documentElement.dataset.theme == 'dark'")
     assert violations(page, context, ["color-contrast"]) == []
     grounds = page.evaluate(
         "[...document.querySelectorAll('.bd-article img')]"

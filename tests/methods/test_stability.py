@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 import sympy
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nodepy import rk
 
@@ -78,7 +78,6 @@ def test_stability_function_is_nodepys(tableau):
 
 
 @methods
-@settings(deadline=None)
 @given(
     st.floats(0.01, 2.0),
     st.complex_numbers(max_magnitude=3.0, allow_nan=False, allow_infinity=False),
@@ -121,7 +120,6 @@ def test_limits_are_nodepys(tableau):
 
 
 @methods
-@settings(deadline=None)
 @given(st.floats(math.pi / 2 + 0.05, math.pi), st.floats(1e-3, 1e6))
 def test_largest_step_lies_on_the_boundary(tableau, angle, size):
     eigenvalue = size * complex(math.cos(angle), math.sin(angle))

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nodepy import rk, rt
 
@@ -142,7 +142,6 @@ def test_zero_is_decided_exactly():
     assert trees.order(Tableau("nested", [[0, 0], [f"1/2+{root}", 0]], [0, 1])) == 2
 
 
-@settings(deadline=None)
 @given(st.lists(st.fractions(max_denominator=50), min_size=6, max_size=6))
 def test_weights_are_the_sums_they_stand_for(numbers):
     a21, a31, a32, *b = numbers

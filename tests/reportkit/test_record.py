@@ -52,6 +52,15 @@ def test_records_keep_value_unit_tolerance_and_order(study, glued):
     assert [type(value) for value in glued.values()] == [float, int, str, str]
 
 
+def test_of_several_values_those_that_do_not_apply_are_left_out(study, glued):
+    study.record_all({"rise": 1.5, "fall": np.nan, "zero": 0.0, "told": "RK6"}, tolerance=0.1)
+    kept = json.loads((study.results / "20_topic.json").read_text())
+    assert list(kept) == list(glued) == ["rise", "zero", "told"]
+    assert kept["rise"]["tolerance"] == 0.1
+    with pytest.raises(ValueError, match="endless"):
+        study.record_all({"endless": np.inf})
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, None, [1.0], np.ones(2), 1j])
 def test_value_that_is_none_is_refused(study, glued, value):
     with pytest.raises(ValueError, match=r"speed = .*finite number"):

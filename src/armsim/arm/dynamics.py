@@ -27,6 +27,9 @@ _compiled = kept(fastmath={"contract"}, error_model="numpy")
 
 #: Value of `Region.friction` while static friction holds the arm at rest.
 STUCK = 2
+#: `Region.friction` by range of speed: fast and slow backwards, at rest, slow and fast forwards.
+FRICTION = (0, -1, STUCK, 1, 0)
+REST, FAST = 2, 4
 
 
 class Region(NamedTuple):
@@ -36,6 +39,28 @@ class Region(NamedTuple):
     power: int  #: limit of v_m, eq. (12)
     contact: int  #: flank of the gear tooth, eq. (14)
     friction: int  #: sign of the static friction, eq. (15), or `STUCK`
+
+
+@_compiled
+def region_number(where, speed=-1):
+    """Return the number, from 0 to 134, of a region in a range of speed.
+
+    Parameters
+    ----------
+    where : Region
+    speed : int
+        Place in `FRICTION`; left out, the one that `where` tells, forwards if it leaves both open.
+    """
+    if speed < 0:
+        speed = (1, FAST, 3, REST)[where.friction + 1]
+    return ((where.preamplifier + 1) * 9 + (where.power + 1) * 3 + where.contact + 1) * 5 + speed
+
+
+@_compiled
+def region_of_number(number):
+    """Return the region with a number; what `region_number` makes of it, but for the speed."""
+    sides = number // 45 - 1, number // 15 % 3 - 1, number // 5 % 3 - 1
+    return Region(sides[0], sides[1], sides[2], FRICTION[number % 5])
 
 
 class Constants(NamedTuple):

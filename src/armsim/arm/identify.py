@@ -233,8 +233,7 @@ def fit(
     Examples
     --------
     >>> from armsim.arm.identify import fit
-    >>> from armsim import parallel
-    from armsim.arm.measurement import read_axis, read_measurement
+    >>> from armsim.arm.files import read_axis, read_measurement
     >>> from armsim.paths import DATA
     >>> record = read_measurement(DATA / "measurements" / "x_axis_test.csv")
     >>> found = fit(record, *read_axis(DATA / "axes" / "x.toml"))

@@ -3,16 +3,25 @@
 Without backlash, static friction and limits, with stiff gear and large K_e, the power stage is a
 current source y6 = K_i v_c and motor and arm turn as one body of inertia J and friction B. The
 velocity loop is then of third order, and the position its integral.
+
+Besides it, the linear equations of the seven-state model inside one region: their eigenvalues, the
+oscillations that follow from them, and steady motion.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf, nan, pi, sqrt
 from typing import Any
 
 import numpy as np
 
+from armsim.arm.dynamics import Region, affine
 from armsim.arm.parameters import AxisParameters
+
+#: Region of steady motion forwards: no limit in force, teeth engaged, no static friction.
+ENGAGED = Region(preamplifier=0, power=0, contact=1, friction=0)
+_ZERO = 1e-6  # 1/s, eigenvalues below are the zeros of the positions, as computed
 
 
 @dataclass(frozen=True)
@@ -176,3 +185,61 @@ class StepResponse:
         end = np.log(max(np.abs(self.residues).sum() / rest, 2.0)) / slowest + 1e-9
         fastest = np.abs(self.poles).max()
         return np.union1d(np.linspace(0, end, 20001), np.geomspace(1e-3 / fastest, end, 2001))
+
+
+# --- the seven-state model inside a region ------------------------------------------------------
+
+
+def eigenvalues(p: AxisParameters, where: Region = ENGAGED) -> np.ndarray:
+    """Eigenvalues in 1/s of a region's equations, without the zeros that belong to positions."""
+    values = np.linalg.eigvals(affine(p, where)[0])
+    return values[np.abs(values) > _ZERO]
+
+
+def oscillation(
+    p: AxisParameters, where: Region = ENGAGED, highest: float = inf
+) -> tuple[float, float]:
+    """Frequency and decay rate of the least damped oscillation in a region.
+
+    Parameters
+    ----------
+    p, where
+        The axis and the region.
+    highest : float
+        Frequency in Hz below which to look.
+
+    Returns
+    -------
+    frequency, decay_rate : float
+        In Hz and 1/s, as `armsim.arm.response.ringing` measures them; NaN if none oscillates.
+    """
+    values = eigenvalues(p, where)
+    values = values[(values.imag > _ZERO) & (values.imag < 2 * pi * highest)]
+    if values.size == 0:
+        return nan, nan
+    mode = values[np.argmax(values.real)]
+    return float(mode.imag / (2 * pi)), float(-mode.real)
+
+
+def gear_oscillation(p: AxisParameters) -> tuple[float, float]:
+    """Frequency in Hz and damping ratio of the gear's spring between free motor and free arm."""
+    mass = 1 / (1 / p.M + p.r_g**2 / p.J_m)
+    natural = sqrt(p.K_g / mass)
+    return natural / (2 * pi), p.b_g / (2 * mass * natural)
+
+
+def steady_motion(p: AxisParameters, velocity: float = 1.0) -> tuple[np.ndarray, float]:
+    """Return the state (7,) at position 0, and the set velocity in V, of a steady motion.
+
+    Parameters
+    ----------
+    p : AxisParameters
+        The axis; no limit may be in force at that velocity.
+    velocity : float
+        Of the arm in m/s, positive and above the threshold of static friction.
+    """
+    A, B, c = affine(p, ENGAGED)
+    slope = np.array([0, velocity / p.r_g, 0, 0, 0, 0])  # of y1 … y6
+    unknown = np.column_stack([A[1:, 2:], B[1:]])  # y2 … y6 and the set velocity
+    *rest, volts = np.linalg.solve(unknown, slope - velocity * A[1:, 1] - c[1:]).tolist()
+    return np.array([0.0, velocity, *rest]), volts

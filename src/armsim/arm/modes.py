@@ -17,7 +17,8 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from armsim.arm.dynamics import (
-    STUCK,
+    FAST,
+    REST,
     Constants,
     Region,
     derivative,
@@ -25,6 +26,8 @@ from armsim.arm.dynamics import (
     motor_voltage,
     preamplifier_output,
     region,
+    region_number,
+    region_of_number,
 )
 from armsim.arm.slave_control import MEMORY, Law, put_out
 from armsim.exact import piecewise_affine
@@ -35,29 +38,11 @@ _SIZE = len(Constants._fields)
 _OFFSETS = tuple(Constants._fields.index(name) for name in ("V_L", "V_M", "H", "F_0"))
 #: Four guards, as the fields of `Region`; 2⁴ matrices, since the signs of branches do not matter.
 _SIZES = (4, 16)
-#: `Region.friction` by range of speed: fast and slow backwards, at rest, slow and fast forwards
-_FRICTION = (0, -1, STUCK, 1, 0)
-_REST, _FAST = 2, 4
 
 
 @compiled
 def _named(numbers):
     return Constants(*to_fixed_tuple(numbers, _SIZE))
-
-
-@compiled
-def _mode(where, speed):
-    return ((where.preamplifier + 1) * 9 + (where.power + 1) * 3 + where.contact + 1) * 5 + speed
-
-
-@compiled
-def _region(mode):
-    return Region(mode // 45 - 1, mode // 15 % 3 - 1, mode // 5 % 3 - 1, _FRICTION[mode % 5])
-
-
-def region_of(mode: int) -> Region:
-    """Region of a mode."""
-    return _region.py_func(mode)
 
 
 @compiled
@@ -93,8 +78,8 @@ def _range(branch, limit):
 def _speed_range(speed, k):
     if k.F_0 == 0.0 or k.v_s == 0.0:
         return -np.inf, np.inf
-    if speed > _REST:
-        return (k.v_s, np.inf) if speed == _FAST else (0.0, k.v_s)
+    if speed > REST:
+        return (k.v_s, np.inf) if speed == FAST else (0.0, k.v_s)
     return (-np.inf, -k.v_s) if speed == 0 else (-k.v_s, 0.0)
 
 
@@ -106,7 +91,7 @@ def equations(mode, volts, numbers, out):
     for i in _OFFSETS:
         offsets[i] = 0.0
     linear = _named(offsets)  # leaves no offset to subtract
-    where, speed = _region(mode), mode % 5
+    where, speed = region_of_number(mode), mode % 5
     z, normal[:] = np.zeros(7), 0.0
     for j in range(7):
         z[j] = 1.0
@@ -121,7 +106,7 @@ def equations(mode, volts, numbers, out):
     lower[2], upper[2] = _range(where.contact, k.H) if k.H > 0.0 else (-np.inf, np.inf)
     lower[1] -= v_m
     upper[1] -= v_m
-    if speed == _REST:  # y1 is zero and stays so
+    if speed == REST:  # y1 is zero and stays so
         A[2, :] = A[:, 2] = normal[3, 2] = b[2] = 0.0
         lower[3], upper[3] = -k.F_0 - f_g, k.F_0 - f_g
     else:
@@ -136,11 +121,11 @@ def successor(mode, guard, side, z, numbers):
     if guard < 3:
         return mode + side * (45, 15, 5)[guard]
     speed = mode % 5
-    if speed == _REST or speed + side == _REST:
+    if speed == REST or speed + side == REST:
         z[2] = 0.0
-    if speed + side == _REST:
+    if speed + side == REST:
         k = _named(numbers)
-        if side * gear_force(_paper(z, k), k, _region(mode).contact) > k.F_0:
+        if side * gear_force(_paper(z, k), k, region_of_number(mode).contact) > k.F_0:
             return mode + 2 * side  # too strong to be held: the arm turns round without rest
     return mode + side
 
@@ -173,13 +158,13 @@ def start(y, numbers):
     if k.H == 0.0:
         where = Region(where.preamplifier, where.power, 1, where.friction)
     if k.F_0 == 0.0 or k.v_s == 0.0:
-        return z, _mode(where, _FAST)
+        return z, region_number(where, FAST)
     if where.friction != 0:
-        return z, _mode(where, _REST + where.friction)
+        return z, region_number(where, REST + where.friction)
     if z[2] != 0.0:
-        return z, _mode(where, _FAST if z[2] > 0.0 else 0)
+        return z, region_number(where, FAST if z[2] > 0.0 else 0)
     f_g = gear_force(_paper(z, k), k, where.contact)
-    return z, _mode(where, _REST + (1 if f_g > k.F_0 else -1 if f_g < -k.F_0 else 0))
+    return z, region_number(where, REST + (1 if f_g > k.F_0 else -1 if f_g < -k.F_0 else 0))
 
 
 # --- what is called from Python -----------------------------------------------------------------
@@ -192,7 +177,7 @@ def run(numbers, starts, volts, track, law, t_end, y0, limits):
     """Run an axis from `y0` (7,) with `volts` (j,) from the times `starts` (j,) on.
 
     If a `track` (j, 2) is given, they are filled in by the slave control unit with its `law`.
-    `numbers` (22,) are `dynamics.constants`, `limits` the largest numbers of events and pieces.
+    `numbers` (22,) are `dynamics.constants`; `limits` as for `piecewise_affine.solve`.
     Returns a `piecewise_affine.Record`.
     """
     z, mode = start(y0, numbers)

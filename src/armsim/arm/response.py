@@ -1,11 +1,19 @@
-"""Numbers read off a step response: settling time, ringing."""
+"""Numbers read off a run, or off a scan of runs: settling time, ringing, crossings.
 
+What a run does not show, because it never arrives or does not ring, is NaN.
+"""
+
+from collections.abc import Callable, Sequence
+from math import inf, nan
 from typing import NamedTuple
 
 import numpy as np
 
+from armsim.arm.dynamics import Region, auxiliary_variables, constants, rhs
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import Trajectory, simulate
+from armsim.methods import IntegrationError, integrate
+from armsim.methods.tableaux import Tableau
 
 #: Share of the final velocity within which it counts as settled.
 SETTLED = 0.02
@@ -34,9 +42,84 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
         return float(t[0])
     last = int(outside[-1])
     if last == len(t) - 1:
-        return float("nan")
+        return nan
     inside = excess[last] / (excess[last] - excess[last + 1])
     return float(t[last] + inside * (t[last + 1] - t[last]))
+
+
+def arrival_time(t: np.ndarray, signal: np.ndarray, level: float) -> float:
+    """First of the times (n,) at which a signal (n,) is at a level or above; NaN if it never is."""
+    reached = np.flatnonzero(np.asarray(signal) >= level)
+    return float(t[reached[0]]) if reached.size else nan
+
+
+def time_within(run: Trajectory, inside: Callable[[Region], bool], t_end: float) -> float:
+    """Time in s that an exact run spends in certain regions.
+
+    Parameters
+    ----------
+    run : Trajectory
+        From 0 s on.
+    inside : callable
+        Tells of a region whether it counts.
+    t_end : float
+        Only the time before counts. If it is NaN, so is the result.
+    """
+    cuts = np.minimum([0.0, *(event.time for event in run.events), t_end], t_end)
+    regions = [run.initial_region, *(event.after for event in run.events)]
+    return float(np.diff(cuts) @ [bool(inside(where)) for where in regions])
+
+
+def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float) -> float:
+    """Rate r in 1/s of the least-squares curve a - b exp(-r t) through the arm's velocity.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Or what else gives states (7, n) at n times.
+    begin, end : float
+        The curve is fitted between these times.
+
+    Returns
+    -------
+    float
+        NaN if `begin` is not before `end`, or no curve fits.
+    """
+    from scipy.optimize import curve_fit  # slow to import
+
+    if not begin < end:
+        return nan
+    t = np.linspace(begin, end, 2001)
+    try:
+        found, _ = curve_fit(lambda t, a, b, r: a - b * np.exp(-r * t), t, run(t)[1], [1, 1, 1])
+    except RuntimeError:
+        return nan
+    return float(found[2])
+
+
+def crossings(
+    function: Callable[[float], float], grid: Sequence[float] | np.ndarray, target: float = 0.0
+) -> list[float]:
+    """Every place between the points of a grid where a function passes through a target.
+
+    Parameters
+    ----------
+    function : callable
+        Continuous between the points where it is not NaN; beside a NaN no place is looked for.
+    grid : (n,) array_like
+        Rising. Two places between the same two points are not seen.
+    target : float
+        The value to pass.
+    """
+    from scipy.optimize import brentq  # slow to import
+
+    grid = np.asarray(grid)
+    excess = np.array([function(x) for x in grid]) - target
+    passes = np.diff(excess > 0) & np.isfinite(excess[1:] + excess[:-1])
+    return [
+        float(brentq(lambda x: function(x) - target, grid[n], grid[n + 1], xtol=1e-12))
+        for n in np.flatnonzero(passes)
+    ]
 
 
 def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
@@ -48,7 +131,7 @@ def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
     Parameters
     ----------
     t, signal : (n,) arrays
-        Equally spaced times and the signal, with at least three extrema between them.
+        Equally spaced times and the signal.
 
     Returns
     -------
@@ -57,16 +140,13 @@ def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
     decay_rate : float
         The rate r of exp(-r t), in 1/s.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than three extrema.
+    Both are NaN if the signal has fewer than three extrema.
     """
     t, signal = np.asarray(t, dtype=float), np.asarray(signal, dtype=float)
     slope = np.diff(signal)
     top = np.flatnonzero(slope[:-1] * slope[1:] < 0) + 1
     if top.size < 3:
-        raise ValueError(f"the signal has {top.size} extrema; at least 3 are needed")
+        return nan, nan
     left, middle, right = signal[top - 1], signal[top], signal[top + 1]
     shift = (left - right) / (2 * (left - 2 * middle + right))
     times = t[top] + shift * (t[1] - t[0])
@@ -83,19 +163,16 @@ def loop_ringing(run: Trajectory) -> tuple[float, float]:
     Parameters
     ----------
     run : Trajectory
-        With 0.63 s after its last event: 0.03 s in which the fast modes die, and 0.6 s to look at.
+        Of the time after its last event, 0.03 s let the fast modes die, and 0.6 s are looked at.
 
     Returns
     -------
     frequency, decay_rate : float
-        As `ringing` gives them.
-
-    Raises
-    ------
-    ValueError
-        If the run ends too early, or there are fewer than three extrema.
+        As `ringing` gives them; NaN if the run ends too early.
     """
     begin = (run.events[-1].time if run.events else 0.0) + 0.03
+    if begin + 0.6 > run.t[-1]:
+        return nan, nan
     times = np.linspace(begin, begin + 0.6, 6001)
     return ringing(times, run(times)[1])
 
@@ -129,9 +206,32 @@ def step_quality(p: AxisParameters, volts: float = 10.0, t_end: float = 6.0) -> 
         run, length = simulate(p, volts, t_end), t_end
     t = np.linspace(0, length, 4001)
     velocity = run(t)[1]
-    try:
-        frequency, decay = loop_ringing(run)
-    except ValueError:
-        frequency = decay = float("nan")
     settling = settling_time(t, velocity, final, SETTLED * abs(final))
-    return StepQuality(settling, float((velocity / final).max() - 1), frequency, decay)
+    return StepQuality(settling, float((velocity / final).max() - 1), *loop_ringing(run))
+
+
+def voltage_error(run: Trajectory, method: Tableau, step_size: float, begin: float) -> float:
+    """Error that a method ends with when it carries on an exact run.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Exact, with one set velocity.
+    method, step_size
+        The Runge-Kutta method and its step in s.
+    begin : float
+        Time in s from whose exact state the method goes on to the end of the run.
+
+    Returns
+    -------
+    float
+        Largest error of the motor voltage in V at the last 20 steps; inf if the method blows up.
+    """
+    p, args = run.parameters, (float(run.set_velocity(begin)), constants(run.parameters))
+    try:
+        steps = integrate(rhs, (begin, run.t[-1]), run(begin), method, step_size, args=args)
+    except IntegrationError:
+        return inf
+    states = steps.y[:, -20:], run(steps.t[-20:])
+    got, exact = (auxiliary_variables(p, y)["v_m"] for y in states)
+    return float(np.abs(got - exact).max())

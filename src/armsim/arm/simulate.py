@@ -13,10 +13,18 @@ from numbers import Real
 import numpy as np
 
 from armsim.arm import modes
-from armsim.arm.dynamics import Region, auxiliary_variables, constants, region, rhs
+from armsim.arm.dynamics import (
+    Region,
+    auxiliary_variables,
+    constants,
+    region,
+    region_of_number,
+    rhs,
+)
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number
+from armsim.exact import crossing
 from armsim.exact.piecewise_affine import Event, ExactSolution, Record, require_finished
 from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
@@ -49,6 +57,11 @@ class Trajectory:
     def y(self) -> np.ndarray:
         """States (7, n) y0 … y6 of Table 1 at the times `t`."""
         return self.solution.y
+
+    @property
+    def t_end(self) -> float:
+        """End of the run in s."""
+        return float(self.solution.end)
 
     @property
     def nfev(self) -> int:
@@ -115,6 +128,11 @@ class Steps:
     y: np.ndarray
     nfev: int
     events: tuple = ()  #: the method knows of none
+
+    @property
+    def end(self) -> float:
+        """Time of the last step in s."""
+        return float(self.t[-1])
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """States at the times `t` by cubic Hermite interpolation."""
@@ -273,7 +291,7 @@ def simulate_many(
 
 
 #: Of modes and guards, for events and errors.
-_TO_NAMES = modes.region_of, Region._fields.__getitem__
+_TO_NAMES = region_of_number, Region._fields.__getitem__
 
 
 def _exact(
@@ -281,9 +299,13 @@ def _exact(
 ) -> tuple[Record, Callable[[Record, np.ndarray], np.ndarray]]:
     """Run an axis exactly; return the record and the function that makes states of it."""
     numbers = np.array(constants(p))
-    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, (MAX_EVENTS, MAX_PIECES))
+    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, _limits())
     require_finished(record, *_TO_NAMES)
     return record, partial(_states, numbers)
+
+
+def _limits() -> tuple[int, int, int]:
+    return MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH
 
 
 def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
@@ -302,7 +324,7 @@ def _ready_to_run() -> Callable[..., Record]:
     try:
         numbers = np.array(constants(AxisParameters.paper_x_axis()))
         given = _Inputs(np.zeros(1), np.zeros(1)).arrays
-        record = modes.run(numbers, *given, 1e-9, np.zeros(7), (MAX_EVENTS, MAX_PIECES))
+        record = modes.run(numbers, *given, 1e-9, np.zeros(7), _limits())
         _states(numbers, record, np.zeros(1))
     finally:
         timer.cancel()

@@ -91,22 +91,8 @@ def work_room(n, guards):
 @compiled
 def set_slope(here, z, slope):
     """Set `slope` to A z + b; return whether it is finite."""
-    finite = True
-    for i in range(z.size):
-        slope[i] = here.b[i]
-        for j in range(z.size):
-            slope[i] += here.A[i, j] * z[j]
-        finite = finite and math.isfinite(slope[i])
-    return finite
-
-
-@compiled
-def _times(A, v):
-    product = np.zeros(v.size)
-    for i in range(v.size):
-        for j in range(v.size):
-            product[i] += A[i, j] * v[j]
-    return product
+    slope[:] = here.A @ z + here.b
+    return np.isfinite(slope).all()
 
 
 @compiled
@@ -152,10 +138,10 @@ def _first_derivative(g, here, z, w):
     if abs(derivative) > ROUNDING * sizes:
         return derivative
     v, size_of_A = w.slope, np.abs(here.A)
-    size_of_v = _times(size_of_A, np.abs(z)) + np.abs(here.b)
+    size_of_v = size_of_A @ np.abs(z) + np.abs(here.b)
     while w.order[g] <= n:
         w.order[g] += 1
-        v, size_of_v = _times(here.A, v), _times(size_of_A, size_of_v)
+        v, size_of_v = here.A @ v, size_of_A @ size_of_v
         derivative = sizes = 0.0
         for i in range(n):
             derivative += here.normal[g, i] * v[i]
@@ -400,11 +386,11 @@ def _rests(g, m, place, modes, end, w):
 
 
 @compiled
-def first_crossing(here, m, place, modes, end, w):
+def first_crossing(here, m, place, modes, end, longest_search, w):
     """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side.
 
     The guard with the shortest proven interval is advanced, until all are proven to the end or to
-    the first crossing. After `MAX_SEARCH` steps it is `GIVEN_UP`.
+    the first crossing. After `longest_search` steps it is `GIVEN_UP`.
     """
     guards = here.lower.size
     for g in range(guards):
@@ -420,7 +406,7 @@ def first_crossing(here, m, place, modes, end, w):
             if lower + farthest < w.value[g] < upper - farthest:
                 w.proven[g] = end
     first, side = -1, 0
-    for _ in range(MAX_SEARCH):
+    for _ in range(longest_search):
         g = min(0, guards)  # no literal 0, for which all that follows would be compiled once more
         for other in range(1, guards):
             if w.proven[other] < w.proven[g]:
@@ -439,14 +425,13 @@ def put_at_limit(normal, limit, z):
 
     Each state changes in proportion to its share in the guard; a zero stays zero.
     """
-    excess, largest, total = -limit, 0.0, 0.0
-    for i in range(z.size):
-        excess += normal[i] * z[i]
-        largest = max(largest, abs(normal[i] * z[i]))
+    share = normal * z
+    largest = np.abs(share).max()
     if largest == 0.0:
         return
-    for i in range(z.size):  # relative to the largest, since squares of tiny numbers are zero
-        total += (normal[i] * z[i] / largest) ** 2
+    # Relative to the largest, since squares of tiny numbers are zero.
+    weight = (share / largest) ** 2
+    excess = (share.sum() - limit) / weight.sum()
     for i in range(z.size):
         if normal[i] != 0.0:
-            z[i] -= excess * (normal[i] * z[i] / largest) ** 2 / total / normal[i]
+            z[i] -= excess * weight[i] / normal[i]

@@ -106,19 +106,12 @@ def _balance(A, unit):
 @compiled
 def find(A, m, count):
     """Place of `A` among the first `count` matrices; it is added if new; -1 if there is no room."""
-    n = A.shape[0]
     for place in range(count):
-        same = True
-        for i in range(n):
-            for j in range(n):
-                same = same and m.A[place, i, j] == A[i, j]
-        if same:
+        if (m.A[place] == A).all():
             return place
     if count == m.reach.size:
         return -1
-    for i in range(n):
-        for j in range(n):
-            m.A[count, i, j] = A[i, j]
+    m.A[count] = A
     m.reach[count] = 1.0 / _balance(A, m.unit[count])
     m.modes[count] = UNKNOWN
     return count
@@ -157,42 +150,12 @@ def _invert(V, W):
                 for j in range(n):
                     V[i, j] -= factor * V[k, j]
                     W[i, j] -= factor * W[k, j]
-    largest = 0.0
-    for i in range(n):
-        for j in range(n):
-            largest = max(largest, _size(W[i, j]))
-    return largest
-
-
-@compiled
-def _product(A, B):
-    """Product of two small matrices, which starts no library."""
-    product = np.zeros((A.shape[0], B.shape[1]), np.complex128)
-    for i in range(A.shape[0]):
-        for k in range(A.shape[1]):
-            if A[i, k] != 0.0:
-                for j in range(B.shape[1]):
-                    product[i, j] += A[i, k] * B[k, j]
-    return product
-
-
-@compiled
-def _indices(mask):
-    found, count = np.empty(mask.size, np.int64), 0
-    for i in range(mask.size):
-        if mask[i]:
-            found[count] = i
-            count += 1
-    return found[:count]
+    return (W.real**2 + W.imag**2).max()
 
 
 @compiled
 def _part(C, rows, columns):
-    part = np.empty((rows.size, columns.size), np.complex128)
-    for i in range(rows.size):
-        for j in range(columns.size):
-            part[i, j] = C[rows[i], columns[j]]
-    return part
+    return C[rows][:, columns]
 
 
 # LAPACK's solver for real matrices, from SciPy. Numba's np.linalg.eig takes complex ones only where
@@ -282,8 +245,8 @@ def _blockwise(C, rate, V):
     """
     n, done, acts = C.shape[0], 0, _influence(C)
     for first in range(n):
-        block = _indices(acts[:, first] & acts[first, :])
-        driven = _indices(acts[:, first] & ~acts[first, :])
+        block = np.flatnonzero(acts[:, first] & acts[first, :])
+        driven = np.flatnonzero(acts[:, first] & ~acts[first, :])
         if block[0] < first:
             continue
         values, vectors, failed = eigen(_part(C, block, block).real)
@@ -295,12 +258,7 @@ def _blockwise(C, rate, V):
                 v[block[i]] = vectors[i, k]
             if driven.size > 0 and not _extend(C, block, driven, values[k], v):
                 return False
-            largest = 0.0
-            for i in range(n):
-                largest = max(largest, _size(v[i]))
-            rate[done], largest = values[k], math.sqrt(largest)
-            for i in range(n):
-                V[i, done] = v[i] / largest
+            rate[done], V[:, done] = values[k], v / np.abs(v).max()
             done += 1
     return True
 
@@ -312,7 +270,7 @@ def _polish(C, V, W, rate, noise):
     All eigenvalues come with the rounding error of the largest. W C V shows what each still lacks,
     and how much of the other eigenvectors each contains. Gaps below `noise` are left alone.
     """
-    D = _product(W, _product(C, V))
+    D = W @ (C @ V)
     X = np.zeros_like(D)
     for i in range(rate.size):
         rate[i] = D[i, i]
@@ -320,8 +278,8 @@ def _polish(C, V, W, rate, noise):
             gap = D[j, j] - D[i, i]
             if _size(gap) > noise * noise and _size(D[i, j]) < 1e-6 * _size(gap):
                 X[i, j] = D[i, j] / gap
-    V += _product(V, X)
-    W -= _product(X, W)
+    V += V @ X
+    W -= X @ W
 
 
 @compiled
@@ -346,7 +304,7 @@ def _keep(m, place, slot, value, weight, v, w, core):
 def decompose(m, place):
     """Find the modal form of a matrix, or mark it as near-defective."""
     A, unit = m.A[place], m.unit[place]
-    core = _indices(unit > 0.0)
+    core = np.flatnonzero(unit > 0.0)
     size = core.size
     C = np.empty((size, size), np.complex128)
     V, W, rate = np.empty_like(C), np.empty_like(C), np.empty(size, np.complex128)
@@ -421,16 +379,9 @@ def set_amplitudes(m, place, slope, amplitude):
 @compiled
 def set_taylor(A, slope, taylor):
     """Coefficients of u, u², … in the state at a time u after the start of a piece."""
-    n = slope.size
-    for i in range(n):
-        taylor[0, i] = slope[i]
+    taylor[0] = slope
     for j in range(1, TERMS):
-        factor = 1.0 / (j + 1)
-        for i in range(n):
-            total = 0.0
-            for k in range(n):
-                total += A[i, k] * taylor[j - 1, k]
-            taylor[j, i] = factor * total
+        taylor[j] = A @ taylor[j - 1] / (j + 1)
 
 
 @compiled

@@ -19,7 +19,7 @@ from armsim.checks import IntegrationError
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
-from armsim.machine_code import generated, label
+from armsim.machine_code import generated, kept, label
 
 #: Events at one time after which the modes are taken to chase each other for ever.
 AT_ONCE = 25
@@ -51,7 +51,7 @@ class Record(NamedTuple):
 
 
 @merged
-def _run_piece(here, m, place, h, z, w):
+def _run_piece(here, m, place, h, longest_search, z, w):
     """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
 
     Where a guard leaves at once, or the search for the next is given up, the length is 0.
@@ -65,7 +65,7 @@ def _run_piece(here, m, place, h, z, w):
     _set_formula(m, place, w.slope, w)
     if modes == 0:
         h = min(h, m.reach[place])
-    h, guard, side = crossing.first_crossing(here, m, place, modes, h, w)
+    h, guard, side = crossing.first_crossing(here, m, place, modes, h, longest_search, w)
     if guard == crossing.GIVEN_UP:
         return h, guard, side
     for i in range(z.size):
@@ -127,8 +127,8 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         Mode at the start.
     sizes : (int, int)
         Number of guards, and of different matrices at most.
-    limits : (int, int)
-        Largest number of events and of pieces.
+    limits : (int, int, int)
+        Largest number of events, of pieces, and of steps of the search for an event.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         start[pieces, 0] = t
         for i in range(n):
             start[pieces, 1 + i], start[pieces, 1 + n + i] = z[i], w.slope[i]
-        h, guard, side = _run_piece(here, m, place, until - t, z, w)
+        h, guard, side = _run_piece(here, m, place, until - t, limits[2], z, w)
         if guard == crossing.GIVEN_UP:
             status = SEARCH_TOO_LONG
             break
@@ -197,7 +197,7 @@ def _obstacle(place, all_pieces):
     return TOO_MANY_PIECES if all_pieces else NOT_FINITE
 
 
-@compiled
+@kept(**OPTIONS)
 def sample(record, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
     n, last, m = out.shape[0], -1, record.matrices
@@ -227,7 +227,7 @@ def _piece_at(record, t):
     return low
 
 
-@compiled
+@kept(**OPTIONS)
 def modes_at(record, times, out):
     """Set `out` (k,) to the modes of a run at `times` (k,)."""
     for j in range(times.size):
@@ -235,7 +235,7 @@ def modes_at(record, times, out):
 
 
 _RUN = """\
-def run(constants, starts, inputs, end, z, mode, limits):
+def run(constants, starts, inputs, end, z, mode, sizes, limits):
     return solve(
         equations, successor, given, constants, starts, inputs, end, z, mode, sizes, limits
     )
@@ -383,9 +383,8 @@ class System:
             "equations": self.equations,
             "successor": self.successor,
             "given": given,
-            "sizes": (self.guards, self.matrices),
         }
-        made_for = f"{label(self.equations)} {label(self.successor)} {names['sizes']}"
+        made_for = f"{label(self.equations)} {label(self.successor)}"
         return generated(_RUN, made_for, names, **OPTIONS)
 
     def solve(
@@ -437,9 +436,9 @@ class System:
         starts = np.array(times, dtype=float)
         if starts[0] != start or not (np.diff(starts) > 0).all():
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
-        record = self._run(
-            constants, starts, np.array(values, float), end, z, mode, (max_events, 10**6)
-        )
+        sizes, limits = (self.guards, self.matrices), (max_events, 10**6, crossing.MAX_SEARCH)
+        given_inputs = np.array(values, float)
+        record = self._run(constants, starts, given_inputs, end, z, mode, sizes, limits)
         require_finished(record)
         return ExactSolution(record, end, states, inputs=schedule)
 

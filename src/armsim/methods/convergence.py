@@ -1,9 +1,70 @@
-"""How fast an error falls with the step: the observed order of a method."""
+r"""Errors of a method, and how fast they fall with the step: its observed order.
 
-from collections.abc import Sequence
-from math import inf, nan
+The test problem of this module is nonlinear, coupled and depends on time, and its solution stays
+positive, as the exponential form needs:
+
+.. math:: y_1 = \exp(\sin 2t), \quad y_2 = 2 + \cos 3t.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from math import ceil, inf, log10, nan
 
 import numpy as np
+
+from armsim.checks import IntegrationError
+from armsim.methods.runge_kutta import Form, integrate
+from armsim.methods.tableaux import Tableau
+
+
+def known_slope(t: float, y: np.ndarray) -> tuple[float, float]:
+    """Right-hand side of the test problem; each quotient in it is 1 on the solution."""
+    first, second = known_solution(t)
+    return 2 * np.cos(2 * t) * y[0] * second / y[1], -3 * np.sin(3 * t) * y[0] / first
+
+
+def known_solution(t: float) -> np.ndarray:
+    """Solution (2,) of the test problem."""
+    return np.array([np.exp(np.sin(2 * t)), 2 + np.cos(3 * t)])
+
+
+def known_error(tableau: Tableau, step_size: float, form: Form = "additive") -> float:
+    """Error of a method on the test problem at t = 1, started from the solution at t = 0."""
+    run = integrate(known_slope, (0, 1), known_solution(0.0), tableau, step_size, form)
+    return float(np.abs(run.y[:, -1] - known_solution(1.0)).max())
+
+
+def relative_error(
+    got: np.ndarray, exact: np.ndarray, largest: Sequence[float] | np.ndarray | None = None
+) -> float:
+    """Largest error of any component, as a share of the largest value of that component.
+
+    Parameters
+    ----------
+    got, exact : (m, n) or (n,) arrays
+        Components, one a row, at the same n times.
+    largest : (m,) array_like, optional
+        Largest magnitude of each component; by default that of `exact`.
+    """
+    exact = np.atleast_2d(exact)
+    scale = np.abs(exact).max(axis=1) if largest is None else np.asarray(largest)
+    return float((np.abs(got - exact).max(axis=1) / scale).max())
+
+
+def agreeing_digits(error: float) -> int:
+    """Decimal digits that are right with a relative error; at most the 15 of a float."""
+    return -ceil(log10(max(error, 2.0**-53)))
+
+
+def error_curve(error: Callable[[float], float], values: Iterable[float]) -> np.ndarray:
+    """Errors (n,) with n step sizes, or what else is varied; NaN where the integration fails."""
+
+    def one(value: float) -> float:
+        try:
+            return error(value)
+        except IntegrationError:
+            return nan
+
+    return np.array([one(value) for value in values])
 
 
 def observed_order(

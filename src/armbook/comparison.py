@@ -1,0 +1,114 @@
+"""Every solver on every problem: its error, its work, and what failed."""
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from armbook import styles
+from armbook.peers import fixed, peers
+from armbook.problems import Problem, Solve
+from armsim.methods import IntegrationError, tableaux
+from armsim.methods.tableaux import Tableau
+from armsim.paper import PRINTED
+
+#: Methods that are run in the exponential forms as well.
+EXPONENTIAL = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
+
+
+class Candidate(NamedTuple):
+    """A solver with one setting."""
+
+    method: str
+    setting: float  #: step size in s or relative tolerance
+    solve: Solve | None  #: None if it is not installed
+    tableau: Tableau | None = None  #: of a method with fixed steps
+    exponentials: int = 0  #: for each state in a step
+
+
+def candidates(
+    problem: Problem, step_sizes: Sequence[float], tolerances: Sequence[float]
+) -> Iterator[Candidate]:
+    """Yield the paper's methods, corrected and as printed, and the solvers with error control.
+
+    The exponential form is tried as it stands, and with the origin shifted to ten times each
+    state's largest value below zero.
+    """
+    for h in step_sizes:
+        for method in (*styles.METHODS, *PRINTED.values()):
+            yield Candidate(method.name, h, fixed(method, h), method)
+        for method in EXPONENTIAL:
+            solve = fixed(method, h, "exponential", 10 * problem.size)
+            name = f"{method.name}, exponential, shifted"
+            yield Candidate(name, h, solve, method, method.exponentials())
+        for method in EXPONENTIAL:
+            solve, name = fixed(method, h, "exponential"), f"{method.name}, exponential form"
+            yield Candidate(name, h, solve, method, method.exponentials())
+        for method in EXPONENTIAL:
+            solve = fixed(method, h, "as printed")
+            yield Candidate(f"{method.name}, as printed form", h, solve, method)
+    for tolerance in tolerances:
+        for name, peer in peers(tolerance, tolerance * problem.size).items():
+            yield Candidate(name, tolerance, peer)
+
+
+def compare(
+    problems: Mapping[str, Problem], step_sizes: Sequence[float], tolerances: Sequence[float]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Run every candidate on every problem once.
+
+    Returns
+    -------
+    runs : DataFrame
+        With the columns ``problem``, ``method``, ``setting``, ``error`` (see `Problem.error`),
+        ``evaluations``, ``end / mm`` (by how much the position at the end is off), ``steps`` (NaN
+        if a solver does not tell them), ``exponentials`` and ``solver``.
+    failures : DataFrame
+        With the columns ``method``, ``problem``, ``setting`` and ``reason``.
+    """
+    runs, failures = [], []
+    listed = [
+        (name, problem, candidate)
+        for name, problem in problems.items()
+        for candidate in candidates(problem, step_sizes, tolerances)
+    ]
+    for name, problem, (method, setting, solve, tableau, exponentials) in tqdm(
+        listed, disable=not sys.stderr.isatty(), leave=False
+    ):
+        counter = problem.equations.counting()
+        try:
+            if solve is None:
+                raise IntegrationError("left out: scikit-sundae is not installed")
+            t, y = problem.run(solve, counter)
+        except (IntegrationError, ValueError) as error:
+            failures.append([method, name, setting, str(error).strip().splitlines()[0]])
+            continue
+        missed = 1e3 * abs(problem.outputs(y)[0, -1] - problem.exact(t[-1:])[0, 0])
+        steps = counter.count // len(tableau.evaluated_stages) if tableau else np.nan
+        work = [counter.count, missed, steps, steps * exponentials * y.shape[0] if tableau else 0]
+        runs.append([name, method, setting, problem.error(t, y), *work, solve])
+    columns = ["problem", "method", "setting", "error", "evaluations", "end / mm"]
+    return (
+        pd.DataFrame(runs, columns=[*columns, "steps", "exponentials", "solver"]),
+        pd.DataFrame(failures, columns=["method", "problem", "setting", "reason"]),
+    )
+
+
+def cheapest(runs: pd.DataFrame, target: float, by: str) -> pd.DataFrame:
+    """Return of each method on each problem the run with the least of `by` that errs at most so."""
+    met = runs[runs["error"] <= target]
+    return met.loc[met.groupby(["problem", "method"], sort=False)[by].idxmin()]
+
+
+def reasons(failures: pd.DataFrame) -> list[list[str]]:
+    """Rows of method, problems, settings and reason: failures that differ in numbers are one."""
+    numbers = r"step size [\d.e-]+|t = \S+|step \d+"
+    alike = failures.assign(reason=failures["reason"].str.replace(numbers, "…", regex=True))
+    return [
+        [method, ", ".join(part["problem"].unique()),
+         f"{part['setting'].min():g} to {part['setting'].max():g}", reason]
+        for (method, reason), part in alike.groupby(["method", "reason"], sort=False)
+    ]  # fmt: skip

@@ -1,0 +1,210 @@
+"""Initial value problems with known solutions: the linear arm, a step response, a move.
+
+A `Problem` is a row of legs, between which the input or the equations change. Every solver gets
+the same compiled right-hand side and is asked for states at the same times.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from armsim.arm import AxisParameters, LinearAxis, SlaveControl, Trajectory, simulate
+from armsim.arm.dynamics import constants, derivative, region_number, region_of_number, rhs
+from armsim.arm.slave_control import MEMORY, put_out
+from armsim.machine_code import kept
+from armsim.methods import IntegrationError, integrate, tableaux
+
+#: Evaluations after which a counted run is given up.
+MAX_EVALUATIONS = 100_000
+
+
+class Equations:
+    """A right-hand side in the shapes that solvers ask for, all compiled from one function.
+
+    Parameters
+    ----------
+    flow : compiled function
+        ``flow(t, y, *inputs, *fixed)`` takes the components of `y` by index and returns a tuple.
+    fixed : tuple
+        Compiled into what the solvers call, so that no call from Python has to convert it.
+    """
+
+    def __init__(self, flow: Callable, fixed: tuple) -> None:
+        @njit(error_model="numpy")
+        def slope(t, y, *inputs):  # type: ignore[no-untyped-def]
+            return np.array(flow(t, y, *(inputs + fixed)))
+
+        @njit(error_model="numpy")
+        def fill(t, y, out, inputs):  # type: ignore[no-untyped-def]
+            for i, value in enumerate(flow(t, y, *(inputs + fixed))):
+                out[i] = value
+
+        self.flow: Callable = flow  #: for `armsim.methods.integrate`
+        self.fixed = fixed  #: what `flow` takes after the inputs
+        self.slope: Callable = slope  #: for SciPy: returns a new array
+        self.fill: Callable = fill  #: for CVODE: fills an array
+        self.count = 0  #: evaluations; of `slope` and `fill` only in a counting copy
+
+    def counting(self) -> "Equations":
+        """Return a copy that counts every evaluation, those for Jacobians included."""
+        copy = Equations.__new__(Equations)
+        copy.flow, copy.fixed, copy.count = self.flow, self.fixed, 0
+
+        def one_more() -> None:
+            copy.count += 1
+            if copy.count > MAX_EVALUATIONS:
+                raise IntegrationError(f"more than {MAX_EVALUATIONS} evaluations")
+
+        def slope(t: float, y: np.ndarray, *args: Any) -> np.ndarray:
+            one_more()
+            return self.slope(t, y, *args)
+
+        def fill(t: float, y: np.ndarray, out: np.ndarray, args: tuple) -> None:
+            one_more()
+            self.fill(t, y, out, args)
+
+        copy.slope, copy.fill = slope, fill
+        return copy
+
+
+#: ``solve(equations, times, y0, args)`` gives times (k,) and states (n, k), the last at times[-1].
+Solve = Callable[[Equations, np.ndarray, np.ndarray, tuple], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Initial value problem with a known solution."""
+
+    equations: Equations
+    y0: np.ndarray
+    legs: tuple[tuple[np.ndarray, tuple], ...]  #: times, first to last; arguments after the input
+    exact: Callable[[np.ndarray], np.ndarray]
+    size: np.ndarray  #: largest value of each state
+    scale: np.ndarray  #: largest value of each component that is compared
+    outputs: Callable[[np.ndarray], np.ndarray] = field(default=lambda y: y)  #: what is compared
+    set_velocity: float | None = None  #: V; None if the equations do not take one
+    control: SlaveControl | None = None  #: its outputs are computed from the solver's own states
+    t_end: float = 0.0
+    r_g: float = 0.0  #: m, with which the control reads the position
+
+    def run(
+        self, solve: Solve, equations: Equations | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Times (k,) and states (n, k) that a solver finds, leg after leg."""
+        equations = equations or self.equations
+        t, states, y, sample = [], [], self.y0, 0
+        volts = self.set_velocity
+        memory, track, outputs, law = np.zeros(MEMORY), np.empty((0, 2)), np.empty(0), None
+        if self.control is not None:
+            starts, track = self.control.samples(self.t_end)
+            outputs, law = np.zeros(starts.size), self.control.law
+        for times, more in self.legs:
+            while law is not None and sample < outputs.size and times[0] >= starts[sample] - 1e-12:
+                volts = float(put_out(sample, y[2], self.r_g, track, law, memory, outputs))
+                sample += 1
+            args = more if volts is None else (volts, *more)
+            at, found = solve(equations, times, y, args)
+            t.append(at[1:])
+            states.append(found[:, 1:])
+            y = np.ascontiguousarray(found[:, -1])
+        return np.concatenate(t), np.concatenate(states, axis=1)
+
+    def error(self, t: np.ndarray, y: np.ndarray) -> float:
+        """Largest error, relative to each component's largest value; inf if not finite."""
+        difference = np.abs(self.outputs(y) - self.exact(t))
+        value = float((difference / self.scale[:, None]).max())
+        return value if np.isfinite(value) else np.inf
+
+
+@kept(fastmath={"contract"}, error_model="numpy")
+def linear_flow(t, y, rows, drive):  # type: ignore[no-untyped-def]
+    """Reduced linear arm, ẏ = A y + b."""
+    a, b, c, d = rows
+    return (
+        a[0] * y[0] + a[1] * y[1] + a[2] * y[2] + a[3] * y[3] + drive[0],
+        b[0] * y[0] + b[1] * y[1] + b[2] * y[2] + b[3] * y[3] + drive[1],
+        c[0] * y[0] + c[1] * y[1] + c[2] * y[2] + c[3] * y[3] + drive[2],
+        d[0] * y[0] + d[1] * y[1] + d[2] * y[2] + d[3] * y[3] + drive[3],
+    )
+
+
+@kept(fastmath={"contract"}, error_model="numpy")
+def region_flow(t, y, volts, where, k):  # type: ignore[no-untyped-def]
+    """Arm by the equations of the region with the number `where`: smooth, between two events."""
+    return derivative(y, volts, k, region_of_number(where))
+
+
+def linear_arguments(p: AxisParameters, volts: float) -> tuple[tuple, tuple]:
+    """Return what `linear_flow` takes after t and y for a set velocity in volts."""
+    A, B = LinearAxis(p).state_space()
+    return tuple(map(tuple, A.tolist())), tuple((B * volts).tolist())
+
+
+def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 100) -> Problem:
+    """Step response of the reduced linear arm; position, velocity and current are compared."""
+    fixed, response = linear_arguments(p, volts), LinearAxis(p).step_response(volts)
+
+    def exact(t: np.ndarray) -> np.ndarray:
+        return np.array([response.position(t), response.velocity(t), response.current(t)])
+
+    def outputs(y: np.ndarray) -> np.ndarray:
+        return np.array([p.r_g * y[0], p.r_g * y[1], p.K_i * (y[2] + p.T_z * y[3])])
+
+    times, at_rest = np.linspace(0.0, t_end, points + 1), np.zeros(4)
+    fine = integrate(linear_flow, (0.0, t_end), at_rest, tableaux.RK6, t_end / 5000, args=fixed)
+    size, scale = (np.abs(y).max(axis=1) for y in (fine.y, exact(fine.t)))
+    return Problem(
+        Equations(linear_flow, fixed), at_rest, ((times, ()),), exact, size, scale, outputs
+    )
+
+
+@cache
+def _arm_equations(flow: Callable, p: AxisParameters) -> Equations:
+    return Equations(flow, (constants(p),))
+
+
+def arm_problems(run: Trajectory, interval: float = 5e-3) -> tuple[Problem, Problem]:
+    """Return the problem of an exact run from rest, and the same restarted at its events.
+
+    The first has the right-hand side with all limits; in the second each leg has the equations
+    of the region that the exact run is in. Under control both start anew at each sample.
+    """
+    p, t_end = run.parameters, run.t_end
+    grid = np.append(np.arange(0.0, t_end - 1e-9, interval), t_end)
+    cuts = grid if run.control is not None else grid[[0, -1]]
+    at = np.array([event.time for event in run.events])
+    cuts_landed = np.unique(np.concatenate((cuts, at[(at > 0) & (at < t_end)])))
+    where = run.regions(0.5 * (cuts_landed[1:] + cuts_landed[:-1]))
+
+    def legs(cuts: np.ndarray, more: list[tuple]) -> tuple[tuple[np.ndarray, tuple], ...]:
+        inside = [grid[(grid > a) & (grid < b)] for a, b in pairwise(cuts)]
+        times = [
+            np.concatenate(([a], middle, [b]))
+            for a, middle, b in zip(cuts[:-1], inside, cuts[1:], strict=True)
+        ]
+        return tuple(zip(times, more, strict=True))
+
+    y0, size = np.zeros(7), np.abs(run.y).max(axis=1)
+    volts = None if run.control is not None else float(run.set_velocity(0.0))
+    common: dict[str, Any] = {
+        "set_velocity": volts, "control": run.control, "t_end": t_end, "r_g": p.r_g
+    }  # fmt: skip
+    plain = legs(cuts, [()] * (len(cuts) - 1))
+    landed = legs(cuts_landed, [(region_number(region),) for region in where])
+    return (
+        Problem(_arm_equations(rhs, p), y0, plain, run, size, size, **common),
+        Problem(_arm_equations(region_flow, p), y0, landed, run, size, size, **common),
+    )
+
+
+def exactly(run: Trajectory, interval: float = 5e-3) -> Callable[[], np.ndarray]:
+    """Return a function that solves an exact run anew, with states at the same times."""
+    t_end = run.t_end
+    grid = np.append(np.arange(0.0, t_end - 1e-9, interval), t_end)
+    volts = None if run.control is not None else float(run.set_velocity(0.0))
+    return lambda: simulate(run.parameters, volts, t_end, control=run.control)(grid)

@@ -1,0 +1,96 @@
+"""The comparison of solvers: what is run, what it costs, and how failures are told."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from armbook.comparison import EXPONENTIAL, candidates, cheapest, compare, reasons
+from armbook.peers import peers
+from armbook.problems import linear_problem
+from armbook.styles import METHODS
+from armsim.arm import AxisParameters, LinearAxis
+from armsim.methods import integrate, tableaux
+from armsim.paper import PRINTED
+
+P = AxisParameters.paper_x_axis()
+H = 1e-4
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return linear_problem(P, 10.0, 0.02)
+
+
+@pytest.fixture(scope="module")
+def compared(linear):
+    return compare({"linear arm": linear}, [H], [1e-5])
+
+
+def test_every_method_has_a_candidate_for_every_setting(linear):
+    listed = list(candidates(linear, [1e-4, 1e-5], [1e-3]))
+    fixed = len(METHODS) + len(PRINTED) + 3 * len(EXPONENTIAL)
+    assert len(listed) == 2 * fixed + len(peers(1e-3, np.ones(1)))
+    assert len({(one.method, one.setting) for one in listed}) == len(listed)
+
+
+def test_errors_and_costs_are_those_of_a_run_by_hand(compared):
+    runs, _ = compared
+    A, B = LinearAxis(P).state_space()
+    run = integrate(lambda t, y: A @ y + 10.0 * B, (0.0, 0.02), np.zeros(4), tableaux.RK6, H)
+    exact = LinearAxis(P).step_response(10.0).velocity(run.t)
+    found = runs[runs["method"] == tableaux.RK6.name].iloc[0]
+    largest = np.abs(P.r_g * run.y[1] - exact).max() / np.abs(exact).max()
+    assert found["error"] >= largest * (1 - 1e-6)  # that of the worst output
+    assert (found["evaluations"], found["steps"], found["exponentials"]) == (run.nfev, 200, 0)
+    end = P.r_g * run.y[0, -1] - LinearAxis(P).step_response(10.0).position(run.t[-1:])[0]
+    assert found["end / mm"] == pytest.approx(1e3 * abs(end), rel=1e-3)
+    shifted = runs[runs["method"] == f"{tableaux.DP4.name}, exponential, shifted"].iloc[0]
+    assert shifted["exponentials"] == 200 * 4 * tableaux.DP4.exponentials()
+    assert runs[runs["method"] == "SciPy Radau"]["steps"].isna().all()
+
+
+def test_a_failure_is_told_and_not_counted(compared):
+    runs, failures = compared
+    at_rest = f"{tableaux.RK6.name}, exponential form"  # the arm starts at zero
+    assert at_rest not in set(runs["method"])
+    (reason,) = failures[failures["method"] == at_rest]["reason"]
+    assert "exponential" in reason
+    assert "\n" not in reason
+
+
+def test_the_cheapest_run_that_is_good_enough():
+    rng = np.random.default_rng(1)
+    runs = pd.DataFrame(
+        {
+            "problem": rng.choice(["a", "b"], 60),
+            "method": rng.choice(["x", "y", "z"], 60),
+            "error": rng.random(60),
+            "seconds": rng.random(60),
+        }
+    )
+    runs.loc[runs["method"] == "z", "error"] = 2.0
+    found = cheapest(runs, 0.5, "seconds")
+    for problem in "ab":
+        for method in "xyz":
+            here = runs[(runs["problem"] == problem) & (runs["method"] == method)]
+            wanted = sorted(
+                s for s, e in zip(here["seconds"], here["error"], strict=True) if e <= 0.5
+            )
+            got = found[(found["problem"] == problem) & (found["method"] == method)]
+            assert list(got["seconds"]) == wanted[:1]
+
+
+def test_failures_that_differ_in_numbers_are_one():
+    text = "RK6, step size {}: component 0 blew up at t = {}, step {}"
+    failures = pd.DataFrame(
+        [
+            ["RK6", "arm", 1e-4, text.format(0.0001, 0.5, 7)],
+            ["RK6", "move", 1e-5, text.format(1e-05, 2, 71)],
+            ["RK6", "arm", 1e-6, "left out"],
+        ],
+        columns=["method", "problem", "setting", "reason"],
+    )
+    assert reasons(failures) == [
+        ["RK6", "arm, move", "1e-05 to 0.0001", "RK6, …: component 0 blew up at … …"],
+        ["RK6", "arm", "1e-06 to 1e-06", "left out"],
+    ]
