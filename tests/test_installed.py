@@ -20,7 +20,7 @@ import tomllib
 import numpy as np
 from armsim.arm import AxisParameters, simulate
 from armsim.arm.identify import fit
-from armsim.arm.measurement import read_axis, read_measurement
+from armsim.arm.files import read_axis, read_measurement
 from armsim.exact import System
 from armsim.methods import integrate, tableaux, trees
 from armsim.paper import PRINTED

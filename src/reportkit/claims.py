@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
@@ -220,6 +221,7 @@ def summary(claims: Sequence[Claim], records: Records) -> str:
 _LOOK = {CONFIRMED: (3, "o"), CORRECTED: (0, "D"), REFUTED: (1, "X"), UNTESTABLE: (4, "s")}
 
 
+@mpl.rc_context(figures.STYLE)
 def figure(claims: Sequence[Claim], records: Records) -> Figure:
     """Draw the claims by verdict, one line each in two columns."""
     groups = {name: [c.name for c in claims if c.verdict(records) == name] for name in VERDICTS}
@@ -244,7 +246,6 @@ def figure(claims: Sequence[Claim], records: Records) -> Figure:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``python -m reportkit.claims RESULTS``: write the verdicts beside the results."""
     (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
-    figures.use()
     try:
         claims, records = load(Project.find().claims), load_all(results)
         verdicts = [(claim.name, claim.where, claim.verdict(records)) for claim in claims]
