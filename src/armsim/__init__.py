@@ -1,1 +1,1 @@
-"""Reproduction of a Cartesian robot arm study: its model, its integrators, its report."""
+"""Model and integrators for the reproduction of a Cartesian robot arm study."""

@@ -1,4 +1,4 @@
-"""Arguments that are refused, in words that name them; and runs that cannot be continued."""
+"""Argument checks whose messages name the argument, and the error for failed integrations."""
 
 import difflib
 import math
@@ -7,29 +7,29 @@ from numbers import Integral, Real
 
 
 class IntegrationError(ArithmeticError):
-    """The solution could not be continued."""
+    """Failure of an integration before its end."""
 
 
 def checked_number(
     name: str, value: object, *, above: float = -math.inf, zero: bool = False
 ) -> float:
-    """Return a value as float if it is a finite real number.
+    """Return a finite real number as a float, or raise an error.
 
     Parameters
     ----------
     name : str
-        What the value is, for the message.
+        Name of the argument, for the message.
     value : object
-        The value; a bool and a string are no numbers.
+        The value; bools and strings are rejected.
     above : float
-        0.0 if it has to be positive.
+        0.0 if the value must be positive.
     zero : bool
         Whether zero is allowed as well.
 
     Raises
     ------
     TypeError, ValueError
-        If the value is not as above; the message says what is allowed.
+        If the value has the wrong type or is out of range; the message says what is allowed.
     """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
@@ -44,12 +44,12 @@ def checked_number(
 
 
 def checked_count(name: str, value: object, least: int = 1) -> int:
-    """Return a value if it is an integer of at least `least`.
+    """Return an integer that is at least `least`, or raise an error.
 
     Raises
     ------
     TypeError, ValueError
-        If it is not; the message says what is allowed.
+        If the value is not such an integer; the message says what is allowed.
     """
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; an integer is needed")
@@ -59,7 +59,7 @@ def checked_count(name: str, value: object, least: int = 1) -> int:
 
 
 def hint(name: object, known: Iterable[str]) -> str:
-    """Tell what was probably meant by a name that is not known, and what is."""
+    """Suggest the most similar known name for an unknown one, and list all known names."""
     by_case = {item.lower(): item for item in known}
     near = difflib.get_close_matches(str(name).lower(), by_case, n=1, cutoff=0.5)
     mean = f"did you mean {by_case[near[0]]}? " if near else ""

@@ -1,4 +1,4 @@
-"""What the paper prints: its tables, and its tableaux with their misprints."""
+"""Tables and Butcher tableaux of the paper as printed, misprints included."""
 
 import re
 import tomllib
@@ -16,14 +16,14 @@ def _read(name: str) -> dict[str, Any]:
 
 # --- tables -----------------------------------------------------------------------------------
 
-#: Tables 1 to 5, one list of rows a table.
+#: Tables 1 to 5, one list of rows per table.
 TABLES: dict[str, list[dict[str, str]]] = _read("tables")
 
 
 def printed_value(text: str) -> float:
-    """Return the number of a table entry such as ``"0.56 ohms"``; of a range, its upper end.
+    """Return the number in a table entry such as ``"0.56 ohms"``; for a range, its upper end.
 
-    The upper end is what the paper's procedure sets `K_2` to (Section 4: "at its maximum").
+    The paper's procedure sets `K_2` to its upper end (Section 4: "at its maximum").
     """
     text = re.sub(r"\s*\\cdot\s*10\^", "e", text)
     return float(re.findall(r"\d+(?:\.\d+)?(?:e\d+)?", text.partition("²")[0])[text.count(" to ")])
@@ -33,10 +33,10 @@ def printed_value(text: str) -> float:
 
 
 def _terms(formula: str) -> dict[int, tuple[int, int]]:
-    """Numerators and denominators, not reduced, of k_1, k_2, … in a formula of the paper.
+    """Unreduced numerators and denominators of k_1, k_2, … in a formula of the paper.
 
-    Brackets and the exponentials around single terms are passed over, because the paper
-    misplaces both; what is left is a sum of terms ``sign fraction k_j``.
+    Brackets and the exponentials around single terms are ignored because the paper misplaces
+    both. The rest is a sum of terms ``sign fraction k_j``.
     """
     text = re.sub(r"\^\{?ij?\}?|\\left|\\right|\\exp|[()\[\]\s]", "", formula.partition("=")[2])
     text = re.sub(r"\\frac\{(k_\d)\}\{(\d+)\}", r"\\frac{1}{\2}\1", text)
@@ -53,12 +53,12 @@ def _terms(formula: str) -> dict[int, tuple[int, int]]:
 
 
 def printed_fractions(key: str) -> list[list[tuple[int, int]]]:
-    """Rows of A and, last, of b as ``(numerator, denominator)``, just as the paper prints them.
+    """Rows of A, then b, as ``(numerator, denominator)``, exactly as the paper prints them.
 
     Parameters
     ----------
     key : {"rk5", "rk6", "ndp5", "ndp6"}
-        Which of the paper's methods.
+        Method of the paper.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""One function, many cases: on all processors, or on a cluster."""
+"""Evaluation of one function for many cases, on all processors or on a cluster."""
 
 import traceback
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ class CaseError(RuntimeError):
     Attributes
     ----------
     case : int
-        Its number, from 0.
+        Index of the case, from 0.
     """
 
     def __init__(self, text: str, case: int) -> None:
@@ -31,14 +31,14 @@ def each(
 ) -> list[Any]:
     """Call a function with each case and return the results in the order of the cases.
 
-    Joblib starts a process for each processor. In the block of a ``joblib.parallel_config`` the
-    work goes where that says: ``backend="dask"`` to the cluster of a Dask client,
-    ``backend="threading"`` to threads. The results do not depend on it.
+    Joblib starts one process per processor. A ``joblib.parallel_config`` block selects another
+    backend: ``backend="dask"`` uses the cluster of a Dask client, ``backend="threading"`` uses
+    threads. The results do not depend on the backend.
 
     Parameters
     ----------
     function : callable
-        ``function(case)``; a lambda or a function of a notebook will do.
+        ``function(case)``; a lambda or a function defined in a notebook is allowed.
     cases : iterable
         The arguments.
     progress : callable, optional
@@ -47,7 +47,8 @@ def each(
     Raises
     ------
     CaseError
-        If a case raises, even SystemExit; the text names the case, and a note has its traceback.
+        If a case raises an exception, including SystemExit. The message names the case, and a
+        note contains the traceback.
 
     Examples
     --------
@@ -62,7 +63,7 @@ def each(
 def _attempt(function: Callable[[Any], Any], n: int, case: Any) -> Any:
     try:
         return function(case)
-    except (Exception, SystemExit) as error:  # not every exception survives the way back
+    except (Exception, SystemExit) as error:  # not every exception can be pickled
         failure = CaseError(f"case {n}: {type(error).__name__}: {error}", n)
         failure.add_note(traceback.format_exc())
         raise failure from None

@@ -1,4 +1,4 @@
-"""Where the data lie: in a checkout, or inside an installed package."""
+"""Location of the data, in a checkout or in an installed package."""
 
 from pathlib import Path
 

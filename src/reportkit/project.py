@@ -40,6 +40,7 @@ class Project:
     results: Path = Path("book/results")
     expected: Path = Path("data/expected")
     claims: Path = Path("data/claims.toml")
+    choices: Path = Path("data/choices.toml")
     data: Path = Path("data")
     mathjax: Path = Path("book/_static/mathjax/tex-svg-full.js")
     extra: str = ""

@@ -268,7 +268,8 @@ def test_oscillation_below_a_frequency_and_none_at_all():
     assert fast[0] > 200 > slow[0] > 20
     assert fast[1] < 0 < slow[1]  # the current loop is unstable there
     assert np.isnan(oscillation(P, HELD)).all()
-    assert np.isnan(oscillation(P, highest=1.0)).all()
+    assert oscillation(P, highest=30) == oscillation(P)  # 29.4 Hz
+    assert np.isnan(oscillation(P, highest=29)).all()
 
 
 def test_gear_oscillation_is_that_of_two_masses_and_a_spring():

@@ -148,8 +148,9 @@ def test_a_crossing_at_a_point_of_the_grid_counts_once():
 
 
 def test_what_is_not_a_number_is_no_crossing():
-    found = crossings(lambda x: math.nan if x < 1 else x - 2, [0.0, 1.0, 3.0])
-    assert found == pytest.approx([2.0])
+    for sign in (1, -1):
+        found = crossings(lambda x, s=sign: math.nan if x < 1 else s * (x - 2), [0.0, 1.0, 3.0])
+        assert found == pytest.approx([2.0])
 
 
 # --- a method that carries a run on --------------------------------------------------------------

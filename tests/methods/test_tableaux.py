@@ -154,9 +154,9 @@ def test_unknown_printed_tableau_is_an_error():
         ([], [], "at least one stage"),
         ([[0, 1], [1, 0]], [0, 1], r"A\[0\]\[1\] = 1 makes the method implicit"),
         ([[0, 0], [1, "1/2"]], [0, 1], r"A\[1\]\[1\] = 1/2 makes the method implicit"),
-        ([[0, 0], [1]], [0, 1], "row 1 of A has 1 entries; .* 2 stages needs 2"),
-        ([[0, 0, 0], [1, 0, 0]], [0, 1], "row 0 of A has 3 entries"),
-        ([[0, 0], [1, 0]], [1], "b has 1 weights; .* 2 stages needs 2"),
+        ([[0, 0], [1]], [0, 1], r"A\[1\] has 1 entries; .* 2 stages needs 2"),
+        ([[0, 0, 0], [1, 0, 0]], [0, 1], r"A\[0\] has 3 entries"),
+        ([[0, 0], [1, 0]], [1], "b has 1 entries; .* 2 stages needs 2"),
         ([[0, 0], [0.5, 0]], [0, 1], r"A\[1\]\[0\] = 0.5 is not exact"),
         ([[0, 0], ["1/2", 0]], [0, 1.0], r"b\[1\] = 1.0 is not exact"),
         ([[0, 0], [np.float64(0.5), 0]], [0, 1], "is not exact"),
@@ -176,7 +176,7 @@ def test_bad_tableau_is_an_error(A, b, message):
 
 
 def test_embedded_weights_are_checked_too():
-    with pytest.raises(ValueError, match="b_embedded has 2 weights"):
+    with pytest.raises(ValueError, match="b_embedded has 2 entries"):
         Tableau("bad", [[0]], [1], b_embedded=[1, 0])
 
 

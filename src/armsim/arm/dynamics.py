@@ -1,16 +1,16 @@
 """The seven state equations of one axis, paper's eq. (10)-(15), region by region.
 
-Two limits, the backlash and the static friction cut the state space into regions; inside each
-the equations are affine in the state and the input. `region` says where a state is, and
-`derivative` evaluates the equations *of a given region* anywhere, so that the matrices of a region
-are read off the same code that a Runge-Kutta step runs.
+Two limits together with backlash and static friction divide the state space into regions. In each
+region the equations are affine in the state and the input. `region` returns the region of a state.
+`derivative` evaluates the equations *of a given region* at any state, so the matrices of a region
+come from the same code as a Runge-Kutta step.
 
-Departures from the print, each a misprint corrected:
+Four misprints of the paper are corrected:
 
-- eq. (10): the right-hand side of y5 is divided by T_p T_r; the print multiplies.
+- eq. (10): the right-hand side of y5 is divided by T_p T_r; the paper multiplies.
 - eq. (10): the motor's inertia is J_m; the text after it says "m".
 - eq. (12): the forward gain is K_e; the text after it says "K_c".
-- Table 5: the saturation current is K_i V_L; the print says K_1 V_L.
+- Table 5: the saturation current is K_i V_L; the paper says K_1 V_L.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ REST, FAST = 2, 4
 
 
 class Region(NamedTuple):
-    """Which branch of each nonlinearity holds: -1 and +1 are the outer branches, 0 the middle."""
+    """Active branch of each nonlinearity: -1 and +1 are the outer branches, 0 the middle one."""
 
     preamplifier: int  #: limit of v_c, eq. (11)
     power: int  #: limit of v_m, eq. (12)
@@ -64,7 +64,7 @@ def region_of_number(number):
 
 
 class Constants(NamedTuple):
-    """What the compiled equations need of `AxisParameters`; divisions are made once, here."""
+    """Constants of the compiled equations, with the divisions of `AxisParameters` done once."""
 
     B_a: float
     F_0: float
@@ -91,7 +91,7 @@ class Constants(NamedTuple):
 
 
 def constants(p: AxisParameters) -> Constants:
-    """Return the numbers that `rhs` takes as its last argument."""
+    """Return the constants that `rhs` takes as its last argument."""
     return Constants(
         B_a=p.B_a,
         F_0=p.F_0,
@@ -148,7 +148,7 @@ def gear_force(y, c, branch):
 
 @_compiled
 def static_friction(y, c, f_g, branch):
-    """Static friction F_s in newtons, eq. (15); where the arm sticks, what keeps it at rest."""
+    """Static friction F_s in newtons, eq. (15); while the arm sticks, the force that holds it."""
     if branch == STUCK:
         return f_g - c.B_a * y[1]
     return branch * c.F_0
@@ -168,7 +168,7 @@ def _branch(value, limit):
 
 @_compiled
 def region(y, c):
-    """Return the region of a state; at rest F_s = 0, as sgn(0) in eq. (15)."""
+    """Return the region of a state; at rest F_s = 0, since sgn(0) = 0 in eq. (15)."""
     preamplifier = _branch(preamplifier_output(y, c, 0), c.V_L)
     v_c = preamplifier_output(y, c, preamplifier)
     power = _branch(motor_voltage(y, c, v_c, 0), c.V_M)
@@ -179,7 +179,7 @@ def region(y, c):
 
 @_compiled
 def auxiliary(y, c, where):
-    """Return (f_g, F_s, v_m, v_c), Table 2, by the equations of the region `where`."""
+    """Return (f_g, F_s, v_m, v_c), Table 2, from the equations of the region `where`."""
     v_c = preamplifier_output(y, c, where.preamplifier)
     v_m = motor_voltage(y, c, v_c, where.power)
     f_g = gear_force(y, c, where.contact)
@@ -188,7 +188,7 @@ def auxiliary(y, c, where):
 
 @_compiled
 def derivative(y, set_velocity, c, where):
-    """State derivative, eq. (10), by the equations of the region `where`.
+    """State derivative, eq. (10), from the equations of the region `where`.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def derivative(y, set_velocity, c, where):
     c : Constants
         From `constants`.
     where : Region
-        Its equations are used whether or not `y` lies in it.
+        Region whose equations are used, whether or not it contains `y`.
 
     Returns
     -------
@@ -224,7 +224,7 @@ def rhs(t, y, set_velocity, c):
     return derivative(y, set_velocity, c, region(y, c))
 
 
-# --- for the reader of a run ------------------------------------------------------------------
+# --- evaluation along a run -------------------------------------------------------------------
 
 
 @_compiled
@@ -244,12 +244,12 @@ def auxiliary_variables(
     Parameters
     ----------
     p : AxisParameters
-        Of the axis.
+        Parameters of the axis.
     y : (7, n) array_like
         States.
     regions : sequence of n regions, optional
-        Where each state belongs. Left out, the state decides, which cannot tell that the arm
-        sticks, and may err by rounding on a limit.
+        Region of each state. By default it is computed from the state, which cannot detect
+        sticking and may be wrong by rounding on a limit.
 
     Returns
     -------
@@ -264,12 +264,12 @@ def auxiliary_variables(
 
 
 def affine(p: AxisParameters, where: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Matrices of a region, ẏ = A y + B U + c, read off `derivative` on the unit vectors.
+    """Matrices of a region, ẏ = A y + B U + c, from `derivative` at the unit vectors.
 
     Parameters
     ----------
     p : AxisParameters
-        Of the axis.
+        Parameters of the axis.
     where : Region
         The region.
 
@@ -280,7 +280,7 @@ def affine(p: AxisParameters, where: Sequence[int]) -> tuple[np.ndarray, np.ndar
     c : (7,) array
     """
     k, where, origin = constants(p), Region(*where), np.zeros(7)
-    linear = k._replace(V_L=0.0, V_M=0.0, H=0.0, F_0=0.0)  # leaves no offset to subtract
+    linear = k._replace(V_L=0.0, V_M=0.0, H=0.0, F_0=0.0)  # without offsets `derivative` is linear
     A = np.column_stack([derivative(unit, 0.0, linear, where) for unit in np.eye(7)])
     B = np.array(derivative(origin, 1.0, linear, where))
     return A, B, np.array(derivative(origin, 0.0, k, where))

@@ -13,6 +13,7 @@ import numpy as np
 from armsim.arm.measurement import COLUMNS, Instrument, Measurement, faults
 from armsim.arm.parameters import AxisParameters
 from armsim.checks import hint
+from armsim.choices import CHOICES
 
 _HEADING = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[\s*(?P<unit>[^\[\]]*?)\s*\])?\s*")
 
@@ -141,7 +142,8 @@ def read_axis(path: str | Path) -> tuple[AxisParameters, Instrument]:
     ----------
     path : path-like
         TOML with the tables ``[axis]``, the fields of `AxisParameters` (``K_1`` may be left out),
-        and ``[instrument]``, those of `Instrument`.
+        and ``[instrument]``, those of `Instrument`. With ``choices = "x"`` in ``[axis]``, values
+        that are not given come from that axis in ``data/choices.toml``.
 
     Raises
     ------
@@ -160,6 +162,8 @@ def read_axis(path: str | Path) -> tuple[AxisParameters, Instrument]:
     for table, kind in kinds.items():
         if not isinstance(tables[table], dict):
             raise FileError(f"{path}: {table} has to be a table, [{table}]")
+        if table == "axis" and "choices" in tables[table]:
+            tables[table] = _with_choices(tables[table], path)
         names = [item.name for item in dataclasses.fields(kind)]
         _check_names(tables[table], names, ("K_1",), f"{path}, [{table}]: value")
         try:
@@ -167,6 +171,14 @@ def read_axis(path: str | Path) -> tuple[AxisParameters, Instrument]:
         except (TypeError, ValueError) as error:
             raise FileError(f"{path}, [{table}]: {error}") from None
     return tables["axis"], tables["instrument"]
+
+
+def _with_choices(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Fill in our own choices for one of our axes."""
+    name = table.pop("choices")
+    if name not in CHOICES["axis"]:
+        raise FileError(f"{path}, [axis]: choices = {name!r}; {hint(name, CHOICES['axis'])}")
+    return CHOICES["axis"][name] | table
 
 
 def _check_names(

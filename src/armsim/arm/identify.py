@@ -1,8 +1,8 @@
-"""Parameters of an axis from its measured motion, and how far the motion tells them.
+"""Identification of an axis from its measured motion: fit, confidence intervals, model check.
 
-Weighted least squares in the logarithms of the parameters. Bias and drift of the accelerometer
-enter linearly and are eliminated: what a straight line takes off the residuals of the acceleration
-is theirs, so that standard errors count them in.
+Parameters are fitted by weighted least squares in their logarithms. Bias and drift of the
+accelerometer enter linearly and are eliminated by removing a straight line from the acceleration
+residuals. The standard errors include their uncertainty.
 """
 
 import dataclasses
@@ -23,44 +23,45 @@ from armsim.arm.simulate import simulate, simulate_many
 from armsim.checks import checked_count
 from armsim.methods.tableaux import Tableau
 
-#: What is fitted unless `names` says otherwise.
+#: Parameters fitted by default.
 NAMES = ("V_L", "B_a", "b_g", "K_g", "F_0")
 SIGNALS = ("position", "velocity", "acceleration")
 
-#: Rise of χ² at the ends of a 95 % interval of one parameter.
+#: Rise of χ² at the ends of the 95 % interval of one parameter.
 RISE = 3.84
-#: Parameters are looked for from 1/3 to 3 times the axis' values.
+#: Default bounds are 1/3 and 3 times the axis' values.
 _RANGE = 3.0
-#: Relative steps of the differences. The exact solution is smooth down to rounding; one of fixed
-#: steps jumps as switches move from one step into the next, which at 1e-4 s spoils the slopes of
-#: differences over less than 1e-3 altogether, and standard errors by 25 % at 1e-3, by 4 % at 1e-2.
+#: Relative steps of the finite differences. The exact solution is smooth down to rounding. A
+#: fixed-step solution jumps when a switch moves from one step to the next. With a step of 1e-4 s,
+#: differences over less than 1e-3 are useless; standard errors are off by 25 % at 1e-3 and by 4 %
+#: at 1e-2.
 _STEP_EXACT, _STEP_FIXED = 1e-6, 1e-2
-#: Two ends are the same minimum if χ² differs by less.
+#: Two starts have found the same minimum if their χ² differ by less than this.
 _SAME = 0.1
-#: Checks of residuals are passed up to this many standard deviations.
+#: Residual checks pass up to this many standard deviations.
 SURPRISE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted to what: a record, the axis it is of, and the parameters that are free."""
+    """Least-squares problem: a record, its axis and the free parameters."""
 
     measurement: Measurement
-    axis: AxisParameters  #: values that are held, and starts of the others
+    axis: AxisParameters  #: values of the fixed parameters, and starts of the free ones
     instrument: Instrument
     names: tuple[str, ...]
-    low: np.ndarray  #: lowest logarithms allowed
-    high: np.ndarray
+    low: np.ndarray  #: lower bounds of the logarithms
+    high: np.ndarray  #: upper bounds of the logarithms
     method: Tableau | None = None
     step_size: float | None = None
 
     def parameters(self, x: np.ndarray) -> AxisParameters:
-        """The axis with the logarithms `x` of the free parameters. K_1, a setting, stays."""
+        """Axis with the logarithms `x` of the free parameters; the setting K_1 stays fixed."""
         values = zip(self.names, np.exp(x).tolist(), strict=True)
         return self.axis.replace(**{"K_1": self.axis.K_1, **dict(values)})
 
     def model(self, points: Sequence[np.ndarray]) -> np.ndarray:
-        """Signals (r, 3, n) of an ideal instrument for r points, in units of noise."""
+        """Signals (r, 3, n) of an ideal instrument at r points, in noise standard deviations."""
         axes, t = [self.parameters(x) for x in points], self.measurement.elapsed
         schedule, end = self.measurement.schedule, float(t[-1])
         if self.method is None:
@@ -72,24 +73,24 @@ class Problem:
 
     @cached_property
     def line(self) -> np.ndarray:
-        """What a bias of 1 m/s² and a drift of 1 m/s² in a second add, (n, 2) in units of noise."""
+        """Effect (n, 2) of a bias of 1 m/s² and a drift of 1 m/s³, in noise standard deviations."""
         t = self.measurement.elapsed
         return np.column_stack([np.ones_like(t), t]) / self.instrument.acceleration
 
     def detrended(self, curves: np.ndarray) -> np.ndarray:
-        """Curves (..., 3, n) without what bias and drift of the accelerometer explain of them."""
+        """Curves (..., 3, n) with the best-fitting accelerometer bias and drift removed."""
         basis, _ = np.linalg.qr(self.line)
         out = curves.copy()
         out[..., 2, :] -= curves[..., 2, :] @ basis @ basis.T
         return out
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Model less record (3n,) in units of noise, bias and drift eliminated."""
+        """Model minus record (3n,) in noise standard deviations, bias and drift eliminated."""
         record = self.measurement.signals / self.instrument.deviations
         return self.detrended(self.model([x])[0] - record).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives (3n, k) of the residuals: differences, inwards, all from one batch."""
+        """Jacobian (3n, k) of the residuals by one-sided differences within the bounds."""
         step = _STEP_EXACT if self.method is None else _STEP_FIXED
         steps = np.where(x + step <= self.high, step, -step)
         model = self.model([x, *(x + np.diag(steps))])
@@ -97,8 +98,8 @@ class Problem:
         return self.detrended(slopes).reshape(len(x), -1).T
 
     def solve(self, start: np.ndarray, slopes: np.ndarray | None = None) -> OptimizeResult:
-        """Least squares from one start; `slopes` are its Jacobian, if they are known."""
-        tolerance = 1e-10 if self.method is None else 1e-7  # a fixed step makes χ² rough
+        """Minimise from one start; `slopes` is the Jacobian there, if known."""
+        tolerance = 1e-10 if self.method is None else 1e-7  # a fixed step makes χ² discontinuous
         x0 = np.clip(start, self.low + 1e-9, self.high - 1e-9)
         known = slopes is not None
         return least_squares(
@@ -116,21 +117,21 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Parameters that describe a record best."""
+    """Result of a fit: estimates, covariance and residuals."""
 
     problem: Problem
     logarithms: np.ndarray  #: (k,) of the estimates
     covariance: np.ndarray  #: (k, k) of the logarithms
-    residuals: np.ndarray  #: (3, n) model less record in units of noise, without bias and drift
+    residuals: np.ndarray  #: (3, n) model minus record in noise standard deviations, detrended
     bias: float  #: of the accelerometer at the first sample, m/s²
-    drift: float  #: of the accelerometer, m/s² in a second
+    drift: float  #: of the accelerometer, m/s³
     start_chi_squared: np.ndarray  #: χ² at which each start ended
-    nfev: int  #: evaluations of the residuals, all starts
-    converged: bool  #: whether the best start met a tolerance before it ran out of evaluations
+    nfev: int  #: residual evaluations of all starts
+    converged: bool  #: whether the best start met a tolerance within its evaluation limit
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters fitted, in the order of all else."""
+        """Names of the fitted parameters, in the order of all arrays."""
         return self.problem.names
 
     @property
@@ -140,7 +141,7 @@ class Fit:
 
     @property
     def standard_errors(self) -> np.ndarray:
-        """Standard errors (k,), from the slopes and the instrument's noise."""
+        """Standard errors (k,) from the Jacobian and the instrument noise."""
         return self.values * np.sqrt(np.diag(self.covariance))
 
     @property
@@ -151,35 +152,35 @@ class Fit:
 
     @property
     def parameters(self) -> AxisParameters:
-        """The axis with the estimates."""
+        """Axis with the estimated parameters."""
         return self.problem.parameters(self.logarithms)
 
     @property
     def saturation_current(self) -> tuple[float, float]:
-        """I_M = K_i V_L in amperes and its standard error (zero if V_L was held)."""
+        """Saturation current K_i V_L in A and its standard error (0 if V_L was fixed)."""
         errors = dict(zip(self.names, self.standard_errors, strict=True))
         K_i = self.parameters.K_i
         return K_i * self.parameters.V_L, float(K_i * errors.get("V_L", 0.0))
 
     @property
     def chi_squared(self) -> float:
-        """Sum of the squared residuals in units of noise."""
+        """Sum χ² of the squared residuals in noise standard deviations."""
         return float(np.sum(self.residuals**2))
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of residuals less the parameters fitted, bias and drift."""
+        """Number of residuals minus fitted parameters, bias and drift."""
         return self.residuals.size - len(self.names) - 2
 
     @property
     def at_bounds(self) -> tuple[str, ...]:
-        """Parameters that ended at a bound: their estimates and standard errors mean little."""
+        """Parameters at a bound, whose estimates and standard errors are not reliable."""
         near = np.minimum(self.logarithms - self.problem.low, self.problem.high - self.logarithms)
         return tuple(np.array(self.names)[near < 1e-6].tolist())
 
     @property
     def other_minima(self) -> int:
-        """Number of starts that ended in another minimum than the best one."""
+        """Number of starts that ended in a minimum other than the best."""
         return int(np.sum(self.start_chi_squared > self.start_chi_squared.min() + _SAME))
 
 
@@ -202,33 +203,33 @@ def fit(
     measurement : Measurement
         The record.
     axis : AxisParameters
-        Values of all parameters; those fitted start from them. ``K_1`` is a known setting and
-        does not follow the others.
+        Values of all parameters, and starts of the fitted ones. ``K_1`` is a known setting and
+        stays fixed.
     instrument : Instrument
-        Noise of the signals, which weights the residuals.
+        Noise of the signals, used to weight the residuals.
     names : sequence of str
         Parameters to fit.
     bounds : mapping of name to (low, high), optional
-        Range of a parameter, positive; a third of the axis' value to three times it if left out.
+        Positive range of a parameter; default 1/3 to 3 times the axis' value.
     method, step_size : optional
-        A Runge-Kutta method and its step in s, as for `armsim.arm.simulate`; exact if left out.
+        Runge-Kutta method and step in s, as for `armsim.arm.simulate`; exact by default.
     starts : int
-        Searches: one from the axis' values, the others spread over the bounds.
+        Number of starts: one at the axis' values, the others spread over the bounds.
     seed : int
-        Of the spread.
+        Random seed of the spread.
 
     Returns
     -------
     Fit
-        Of the best start.
+        The fit from the best start.
 
     Raises
     ------
     TypeError, ValueError
-        If a name is unknown or repeated, a bound or the number of starts is not allowed, or the
-        record holds no motion to fit.
+        If a name is unknown or repeated, a bound or the number of starts is invalid, or the set
+        velocity is zero throughout.
     IntegrationError
-        If a run fails, such as with too coarse a step.
+        If a run fails, for example because the step is too coarse.
 
     Examples
     --------
@@ -275,7 +276,7 @@ def _finished(problem: Problem, best: OptimizeResult, ends: Sequence[OptimizeRes
 
 
 def _covariance(slopes: np.ndarray) -> np.ndarray:
-    """Inverse of the information matrix; huge, not infinite, where the data say nothing."""
+    """Inverse of the information matrix; large but finite where the data are uninformative."""
     scale = np.linalg.norm(slopes, axis=0)
     scale[scale == 0] = 1.0
     _, s, basis = np.linalg.svd(slopes / scale, full_matrices=False)
@@ -286,7 +287,7 @@ def _covariance(slopes: np.ndarray) -> np.ndarray:
 def _bounds(
     axis: AxisParameters, names: Sequence[str], given: Mapping[str, tuple[float, float]]
 ) -> np.ndarray:
-    """Lowest and highest value (k, 2) of each parameter."""
+    """Lower and upper bound (k, 2) of each parameter."""
     known = [item.name for item in dataclasses.fields(axis)]
     wrong = [name for name in names if name not in known or name == "K_1"]
     if wrong or not names or len(set(names)) < len(names):
@@ -306,25 +307,25 @@ def _bounds(
     return np.array(rows)
 
 
-# --- how far the data tell them -----------------------------------------------------------------
+# --- identifiability ----------------------------------------------------------------------------
 
 
 def profile(fit: Fit, name: str, values: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Profile likelihood: the rise of χ² when one parameter is held and the others are refitted.
+    """Profile likelihood: the rise of χ² when one parameter is fixed and the others are refitted.
 
     Parameters
     ----------
     fit : Fit
         The best fit.
     name : str
-        Of a fitted parameter.
+        Name of a fitted parameter.
     values : (m,) array_like
-        Values to hold it at, positive.
+        Positive values at which to fix it.
 
     Returns
     -------
     (m,) array
-        χ² less that of the fit. It reaches `RISE` at the ends of the 95 % interval.
+        χ² minus that of the fit. It equals `RISE` at the ends of the 95 % interval.
 
     Raises
     ------
@@ -338,7 +339,7 @@ def profile(fit: Fit, name: str, values: Sequence[float] | np.ndarray) -> np.nda
         raise ValueError(f"values = {values!r}: a row of positive numbers is needed")
     n = fit.names.index(name)
     rise, middle = np.empty(at.size), fit.values[n]
-    # Outwards on either side, each refit from the one before.
+    # Each side is scanned outwards, and each refit starts from the one before.
     for side in (np.flatnonzero(at >= middle), np.flatnonzero(at < middle)):
         start = np.delete(fit.logarithms, n)
         for m in side[np.argsort(np.abs(at[side] - middle))]:
@@ -348,7 +349,7 @@ def profile(fit: Fit, name: str, values: Sequence[float] | np.ndarray) -> np.nda
 
 
 def _held(fit: Fit, n: int, value: float, start: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return χ² with one parameter held, and the logarithms of the others."""
+    """Return χ² with one parameter fixed, and the refitted logarithms of the others."""
     whole = fit.problem
     rest = dataclasses.replace(
         whole,
@@ -365,21 +366,21 @@ def _held(fit: Fit, n: int, value: float, start: np.ndarray) -> tuple[float, np.
 
 @dataclass(frozen=True)
 class Identifiability:
-    """How far the data tell one parameter, provided that the model passes `check_model`."""
+    """Identifiability of one parameter, meaningful only if the model passes `check_model`."""
 
     name: str
-    relative_error: float  #: standard error as a share of the value
-    correlation: float  #: the largest, with `partner`
+    relative_error: float  #: standard error divided by the value
+    correlation: float  #: largest in magnitude, with `partner`
     partner: str
-    interval: tuple[float, float]  #: 95 %, by the profile; NaN where χ² rises too little
+    interval: tuple[float, float]  #: 95 %, by profile likelihood; NaN beyond the bounds
     verdict: str
 
 
 def identifiability(fit: Fit) -> list[Identifiability]:
-    """Tell of each fitted parameter whether the data identify it.
+    """Assess whether the data identify each fitted parameter.
 
-    A parameter is identified if the profile likelihood leaves the 95 % interval on both sides
-    within the bounds; the verdict adds when the estimate hangs together with another.
+    A parameter is identified if both ends of its 95 % profile-likelihood interval lie within the
+    bounds. The verdict also names a parameter whose correlation exceeds 0.95 in magnitude.
 
     Parameters
     ----------
@@ -389,7 +390,7 @@ def identifiability(fit: Fit) -> list[Identifiability]:
     Returns
     -------
     list of Identifiability
-        One a parameter, in the order of ``fit.names``.
+        One per parameter, in the order of ``fit.names``.
     """
     found = []
     for n, name in enumerate(fit.names):
@@ -409,7 +410,7 @@ def identifiability(fit: Fit) -> list[Identifiability]:
 
 
 def _end(fit: Fit, n: int, side: int) -> float:
-    """End of the 95 % interval on one side by the profile, NaN if it lies beyond the bounds."""
+    """One end of the 95 % profile-likelihood interval; NaN if it lies beyond the bounds."""
     best, name = fit.logarithms[n], fit.names[n]
     limit = float((fit.problem.low, fit.problem.high)[side > 0][n])
     reach = math.sqrt(RISE) * math.sqrt(fit.covariance[n, n])
@@ -429,13 +430,13 @@ def _end(fit: Fit, n: int, side: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Estimates from many records drawn from the fitted model."""
+    """Estimates from many records simulated with the fitted model."""
 
     names: tuple[str, ...]
     values: np.ndarray  #: (n, k) in SI units
 
     def interval(self, share: float = 0.95) -> np.ndarray:
-        """Percentile intervals (k, 2) that hold a share of the estimates."""
+        """Percentile intervals (k, 2) that contain a given share of the estimates."""
         tail = 100 * (1 - share) / 2
         return np.percentile(self.values, [tail, 100 - tail], axis=0).T
 
@@ -446,7 +447,7 @@ def bootstrap(
     seed: int = 0,
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
 ) -> Bootstrap:
-    """Parametric bootstrap: refit records of the fitted motion with fresh noise.
+    """Parametric bootstrap: refit simulated records of the fitted motion with fresh noise.
 
     Parameters
     ----------
@@ -455,8 +456,8 @@ def bootstrap(
     n : int
         Number of refits, at least 2.
     seed : int
-        Of the noise. Each refit has random numbers of its own, so that results do not depend on
-        the number of workers.
+        Random seed of the noise. Each refit has its own random stream, so the results do not
+        depend on the number of workers.
     progress
         As for `armsim.parallel.each`, which runs the refits.
 
@@ -469,8 +470,8 @@ def bootstrap(
     """
     checked_count("n", n, least=2)
     ideal = fit.problem.model([fit.logarithms])[0]
-    # Bias and drift cancel in the residuals, so the records may go without.
-    slopes = fit.problem.jacobian(fit.logarithms)  # of every record alike
+    # Bias and drift are eliminated from the residuals, so the records omit them.
+    slopes = fit.problem.jacobian(fit.logarithms)  # the same for every record
     run = partial(_refit, fit.problem, fit.logarithms, ideal, slopes)
     values = parallel.each(run, np.random.SeedSequence(seed).spawn(n), progress)
     return Bootstrap(fit.names, np.array(values))
@@ -490,26 +491,26 @@ def _refit(
     return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
 
 
-# --- whether the model is right -----------------------------------------------------------------
+# --- model check --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Check:
-    """What the residuals of one signal say about the model."""
+    """Residual check of one signal."""
 
     signal: str
-    chi_squared: float  #: of one sample, 1 if the model and the noise are right
-    autocorrelation: float  #: from one sample to the next, 0 if the model is right
-    surprise: float  #: the larger of both deviations, in standard deviations
+    chi_squared: float  #: per sample, near 1 if the model and the noise are correct
+    autocorrelation: float  #: at lag one, near 0 if the model is correct
+    surprise: float  #: larger of the two deviations, in standard deviations
 
     @property
     def passed(self) -> bool:
-        """Whether chance explains the residuals."""
+        """Whether the residuals are consistent with chance."""
         return self.surprise <= SURPRISE
 
 
 def check_model(fit: Fit) -> list[Check]:
-    """Look for what the model does not explain: residuals too large, or alike from one to the next.
+    """Test the size and the lag-one autocorrelation of the residuals against white noise.
 
     Parameters
     ----------
@@ -519,13 +520,13 @@ def check_model(fit: Fit) -> list[Check]:
     Returns
     -------
     list of Check
-        For position, velocity and acceleration.
+        One each for position, velocity and acceleration.
     """
     checks = []
     for signal, row in zip(SIGNALS, fit.residuals, strict=True):
         chi_squared = float(np.mean(row**2))
         autocorrelation = float(np.sum(row[1:] * row[:-1]) / np.sum(row**2))
-        # χ² of n samples has the variance 2n; the autocorrelation of white noise, 1/n.
+        # χ² of n samples has variance 2n; the autocorrelation of white noise has variance 1/n.
         deviations = abs(chi_squared - 1) / math.sqrt(2), abs(autocorrelation)
         surprise = math.sqrt(row.size) * max(deviations)
         checks.append(Check(signal, chi_squared, autocorrelation, surprise))

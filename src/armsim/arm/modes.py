@@ -1,14 +1,15 @@
 """The arm as a piecewise-affine system, for `armsim.exact.piecewise_affine`.
 
-The equations of a mode are those of `dynamics.derivative` in a region, read off on the unit
-vectors. The coordinates are (y0, x, y1, y3, y4, y5, y6): the difference x = r_g y2 - y0 between
-pinion and rack, paper's eq. (13), is a state of its own, so that its 1e-5 m are not lost in the
-difference of two metres; and y0, on which nothing depends, is a mere integral.
+The matrices of a mode come from `dynamics.derivative` in a region, evaluated at the unit vectors.
+The coordinates are (y0, x, y1, y3, y4, y5, y6). The difference x = r_g y2 - y0 between pinion and
+rack, paper's eq. (13), is a state of its own. It is of the order of 1e-5 m and would lose digits
+as a difference of positions near 1 m. No derivative depends on y0, which is a pure integral.
 
-Where the paper's eq. (15) leaves the motion open, it is taken as follows. At y1 = 0 the arm sticks
-while |f_g| ≤ F_0, and else moves in the direction of f_g. At y1 = ±v_s it passes; where both sides
-lead away from there, a motion stays on its side, and one that starts there gains speed. With F_0 or
-v_s zero there is no static friction. With H = 0 the gear's flanks are one, called +1.
+Where the paper's eq. (15) leaves the motion undefined, the following rules apply. At y1 = 0 the
+arm sticks while |f_g| ≤ F_0 and otherwise moves in the direction of f_g. At y1 = ±v_s the motion
+passes through. If both sides lead away from there, a motion stays on its side, and one that
+starts there gains speed. If F_0 or v_s is zero, there is no static friction. If H = 0, the two
+gear flanks coincide and have the branch +1.
 """
 
 from typing import NamedTuple
@@ -36,7 +37,7 @@ from armsim.machine_code import kept
 
 _SIZE = len(Constants._fields)
 _OFFSETS = tuple(Constants._fields.index(name) for name in ("V_L", "V_M", "H", "F_0"))
-#: Four guards, as the fields of `Region`; 2⁴ matrices, since the signs of branches do not matter.
+#: Four guards, the fields of `Region`; 2⁴ matrices, since A is independent of the branch signs.
 _SIZES = (4, 16)
 
 
@@ -47,7 +48,7 @@ def _named(numbers):
 
 @compiled
 def _paper(z, k):
-    """State y0 … y6, pinion and rack moved to where y0 = 0: nothing depends on the position."""
+    """State y0 … y6 shifted to y0 = 0, since no derivative depends on the position."""
     return 0.0, z[2], z[1] / k.r_g, z[3], z[4], z[5], z[6]
 
 
@@ -59,7 +60,7 @@ def _set_slope(slope, k, out):
 
 @compiled
 def _signals(z, where, k):
-    """What decides on the branches: v_c and v_m before their limits, and f_g."""
+    """Signals that determine the branches: v_c and v_m before limiting, and f_g."""
     y = _paper(z, k)
     v_c = preamplifier_output(y, k, where.preamplifier)
     v_m = motor_voltage(y, k, v_c, 0)
@@ -68,7 +69,7 @@ def _signals(z, where, k):
 
 @compiled
 def _range(branch, limit):
-    """Range of a signal in a branch: beyond the limit on either side, or between."""
+    """Range of a signal in a branch: between the limits, or beyond one of them."""
     if branch == 0:
         return -limit, limit
     return (limit, np.inf) if branch > 0 else (-np.inf, -limit)
@@ -90,7 +91,7 @@ def equations(mode, volts, numbers, out):
     k, offsets = _named(numbers), numbers.copy()
     for i in _OFFSETS:
         offsets[i] = 0.0
-    linear = _named(offsets)  # leaves no offset to subtract
+    linear = _named(offsets)  # without offsets the equations are linear
     where, speed = region_of_number(mode), mode % 5
     z, normal[:] = np.zeros(7), 0.0
     for j in range(7):
@@ -117,7 +118,7 @@ def equations(mode, volts, numbers, out):
 
 @compiled
 def successor(mode, guard, side, z, numbers):
-    """Return the mode after a guard has left; see `piecewise_affine.System`."""
+    """Return the mode that follows when a guard leaves; see `piecewise_affine.System`."""
     if guard < 3:
         return mode + side * (45, 15, 5)[guard]
     speed = mode % 5
@@ -126,17 +127,17 @@ def successor(mode, guard, side, z, numbers):
     if speed + side == REST:
         k = _named(numbers)
         if side * gear_force(_paper(z, k), k, region_of_number(mode).contact) > k.F_0:
-            return mode + 2 * side  # too strong to be held: the arm turns round without rest
+            return mode + 2 * side  # f_g exceeds F_0, so the arm reverses without sticking
     return mode + side
 
 
 class Inputs(NamedTuple):
-    """Set velocity, as given or as the slave control unit puts it out."""
+    """Set velocity, either given or produced by the slave control unit."""
 
-    volts: np.ndarray  #: (j,) from each time on; the unit fills them in
+    volts: np.ndarray  #: (j,) from each time on; filled in by the unit, if any
     track: np.ndarray  #: (j, 2) position in m and speed in m/s at the unit's samples; or (0, 2)
     law: Law
-    memory: np.ndarray  #: of the unit
+    memory: np.ndarray  #: (MEMORY,) of the unit
 
 
 @compiled
@@ -151,7 +152,7 @@ def hold(interval, z, inputs, numbers):
 
 @compiled
 def start(y, numbers):
-    """State and mode at a start `y` (7,), the paper's y0 … y6."""
+    """State and mode for the initial state `y` (7,), the paper's y0 … y6."""
     k = _named(numbers)
     z = np.array([y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]])
     where = region(_paper(z, k), k)
@@ -167,7 +168,7 @@ def start(y, numbers):
     return z, region_number(where, REST + (1 if f_g > k.F_0 else -1 if f_g < -k.F_0 else 0))
 
 
-# --- what is called from Python -----------------------------------------------------------------
+# --- called from Python -------------------------------------------------------------------------
 
 _kept = kept(**OPTIONS)
 
@@ -176,9 +177,9 @@ _kept = kept(**OPTIONS)
 def run(numbers, starts, volts, track, law, t_end, y0, limits):
     """Run an axis from `y0` (7,) with `volts` (j,) from the times `starts` (j,) on.
 
-    If a `track` (j, 2) is given, they are filled in by the slave control unit with its `law`.
-    `numbers` (22,) are `dynamics.constants`; `limits` as for `piecewise_affine.solve`.
-    Returns a `piecewise_affine.Record`.
+    With a `track` (j, 2), the slave control unit fills in `volts` by its `law`. `numbers` (22,) are
+    `dynamics.constants`; `limits` as for `piecewise_affine.solve`. Returns a
+    `piecewise_affine.Record`.
     """
     z, mode = start(y0, numbers)
     inputs = Inputs(volts, track, law, np.zeros(MEMORY))

@@ -1,4 +1,4 @@
-"""The parameters of one axis: symbols, values, units and where each value comes from."""
+"""Parameters of one axis: symbols, values, units and sources."""
 
 import dataclasses
 from dataclasses import dataclass, field
@@ -11,12 +11,12 @@ from armsim.paper import TABLES, printed_value
 #: Source of a value that the paper does not give.
 OUR_CHOICE = "our choice"
 
-_SET_VELOCITY = 10.0  # V: the paper sets K_1 so that this voltage …
-_VELOCITY = 1.0  # m/s: … gives this speed
+_SET_VELOCITY = 10.0  # V; the paper sets K_1 so that this voltage gives _VELOCITY
+_VELOCITY = 1.0  # m/s
 
 
 def _parameter(unit: str, description: str, source: str, *, zero: bool = False) -> Any:
-    """Field of a parameter, which is positive, or not negative where `zero` is allowed."""
+    """Field of a parameter that must be positive, or nonnegative if `zero` is true."""
     return field(
         metadata={"unit": unit, "description": description, "source": source, "zero": zero}
     )
@@ -26,24 +26,24 @@ def _parameter(unit: str, description: str, source: str, *, zero: bool = False) 
 class AxisParameters:
     """Constants of one axis of the robot arm, in SI units, named as in the paper.
 
-    Make one with `paper_x_axis` and change it with `replace`. Unit, description and source of
-    each parameter stand in its field's metadata.
+    Create one with `paper_x_axis` and change it with `replace`. The metadata of each field hold
+    its unit, description and source.
 
     Parameters
     ----------
     K_1 : float, optional
-        Set-velocity gain. Left out, it is computed by the paper's rule: 10 V on the input gives
-        1 m/s in the steady state of the seven-state model, viscous friction and finite `K_e`
-        included and static friction (which vanishes at that speed) not.
+        Set-velocity gain. By default it follows the paper's rule: 10 V at the input gives 1 m/s
+        in the steady state of the seven-state model. Viscous friction and finite `K_e` are
+        included; static friction vanishes at that speed.
     **others : float
-        Every other parameter has to be given.
+        All other parameters are required.
 
     Raises
     ------
     TypeError
-        If a value is not a real number (a bool and a string are not).
+        If a value is not a real number (bools and strings are not).
     ValueError
-        If a value is not finite, or has the wrong sign.
+        If a value is not finite or has the wrong sign.
     """
 
     R_a: float = _parameter("Ω", "armature resistance", "Table 3")
@@ -101,12 +101,12 @@ class AxisParameters:
         fit : {"ndp", "rk6"}
             Column of Table 5: "Novel Dormand-Prince Technique" or "RK-Sixth Order Technique".
         **changes : float
-            Values to use instead of the paper's, by name.
+            Values that replace the paper's, by name.
 
         Raises
         ------
         ValueError
-            If `fit` or a name is not known, or a value is out of range.
+            If `fit` or a name is unknown, or a value is out of range.
         TypeError
             If a value is not a real number.
         """
@@ -123,17 +123,17 @@ class AxisParameters:
         return cls(**(values | changes))
 
     def replace(self, **changes: float | None) -> Self:
-        """Return a changed copy; `K_1` follows its rule again unless it has been given.
+        """Return a changed copy; `K_1` is recomputed by its rule unless it was given.
 
         Parameters
         ----------
         **changes : float
-            New values by name. ``K_1=None`` goes back to the computed gain.
+            New values by name. ``K_1=None`` restores the computed gain.
 
         Raises
         ------
         ValueError, TypeError
-            As on construction, and for a name that is no parameter.
+            As on construction, or if a name is not a parameter.
         """
         _check_names(type(self), changes)
         values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
@@ -143,7 +143,7 @@ class AxisParameters:
 
 
 def _gain_for_set_velocity(p: AxisParameters) -> float:
-    """Gain K_1 that makes 10 V give exactly 1 m/s in the steady state of eq. (10)-(14)."""
+    """Gain K_1 for which 10 V gives exactly 1 m/s in the steady state of eq. (10)-(14)."""
     motor_velocity = _VELOCITY / p.r_g
     current = (p.B_m * motor_velocity + p.r_g * p.B_a * _VELOCITY) / p.K_b
     motor_voltage = p.R_a * current + p.K_b * motor_velocity

@@ -1,4 +1,4 @@
-"""One call that runs an axis, and the trajectory that comes back."""
+"""Simulation of one axis or of many, and the resulting trajectory."""
 
 import math
 import os
@@ -29,28 +29,28 @@ from armsim.exact.piecewise_affine import Event, ExactSolution, Record, require_
 from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
 
-#: Volts, or the volts from each time on.
+#: A constant voltage, or pairs (time in s, volts from that time on).
 SetVelocity = float | Iterable[tuple[float, float]]
 Schedule = tuple[tuple[float, float], ...]
 
-#: An exact run with more events or pieces than these is an error.
+#: Largest numbers of events and of pieces in an exact run; more are an error.
 MAX_EVENTS, MAX_PIECES = 100_000, 1_000_000
-#: Runs of a batch that a thread takes at once.
+#: Number of runs handed to a thread at a time.
 _CHUNK = 64
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A simulated motion. Calling it gives the state at a time (7,), or at n times (7, n)."""
+    """Simulated motion; calling it returns the state (7,) at a time, or (7, n) at n times."""
 
     parameters: AxisParameters
-    schedule: Schedule  #: set velocity in V from each time in s on
+    schedule: Schedule  #: pairs (time in s, set velocity in V from that time on)
     solution: "ExactSolution | Steps"
-    control: SlaveControl | None = None  #: what put the set velocity out, if anything did
+    control: SlaveControl | None = None  #: unit that produced the set velocity, if any
 
     @property
     def t(self) -> np.ndarray:
-        """Times (n,) in s: of the steps; of an exact run, for a drawing, with all its events."""
+        """Times (n,) in s: the steps, or for an exact run a plotting grid with all events."""
         return self.solution.t
 
     @property
@@ -65,12 +65,12 @@ class Trajectory:
 
     @property
     def nfev(self) -> int:
-        """Right-hand-side evaluations; an exact run makes none."""
+        """Number of right-hand-side evaluations; 0 for an exact run."""
         return self.solution.nfev
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Switching events of an exact run in the order of time, with the regions; else none."""
+        """Switching events of an exact run in time order, with their regions; otherwise empty."""
         return self.solution.events
 
     @property
@@ -95,7 +95,7 @@ class Trajectory:
         Parameters
         ----------
         t : (n,) array_like, optional
-            Times in s; those of ``run.t`` if left out.
+            Times in s; default ``run.t``.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Steps:
     t: np.ndarray
     y: np.ndarray
     nfev: int
-    events: tuple = ()  #: the method knows of none
+    events: tuple = ()  #: a Runge-Kutta method detects none
 
     @property
     def end(self) -> float:
@@ -169,29 +169,30 @@ def simulate(
     form: Form = "additive",
     y0: Sequence[float] | np.ndarray | None = None,
 ) -> Trajectory:
-    """Run one axis of the arm, paper's eq. (10)-(15).
+    """Simulate one axis of the arm, the paper's eq. (10)-(15).
 
     Parameters
     ----------
     p : AxisParameters
         The axis.
     set_velocity : float or sequence of (time, volts), optional
-        Input U: constant, or piecewise constant with each value from its time (s, rising, not
-        negative) on, and 0 V before the first. Every method changes it exactly at its times. Left
-        out, it is 10 V, or what `control` puts out.
+        Input U, constant or piecewise constant. Each value applies from its time in s on; times
+        are nonnegative and increase, and U is 0 V before the first. Every method switches exactly
+        at these times. The default is 10 V, or the output of `control`.
     t_end : float
         End of the run in s.
     control : SlaveControl, optional
-        Slave control unit that closes the loop. What it has put out is the run's `schedule`.
+        Slave control unit that closes the loop. Its output becomes the run's `schedule`.
     method : Tableau, optional
-        Runge-Kutta method. Left out, the run is exact up to rounding: linear pieces are solved in
-        closed form from event to event, see `armsim.exact.piecewise_affine`.
+        Runge-Kutta method. By default the run is exact up to rounding: linear pieces are solved
+        in closed form from event to event; see `armsim.exact.piecewise_affine`.
     step_size : float, optional
-        Fixed step in s of a Runge-Kutta method; left out, one with embedded weights chooses it.
+        Fixed step in s of a Runge-Kutta method. By default the step is adaptive, which requires
+        embedded weights.
     form : {"additive", "exponential"}
         See `armsim.methods.integrate`.
     y0 : (7,) array_like, optional
-        Initial state; at rest if left out. With y1 = 0 the arm sticks as far as friction allows.
+        Initial state; default zero. With y1 = 0 the arm sticks if static friction can hold it.
 
     Returns
     -------
@@ -201,10 +202,10 @@ def simulate(
     Raises
     ------
     TypeError, ValueError
-        If an argument is out of range; the message names it, its value and what is allowed.
+        If an argument is out of range; the message gives its name, value and allowed range.
     IntegrationError
-        If the step is so large that the solution blows up, or an exact run meets more than
-        `MAX_EVENTS` events; the message says when.
+        If too large a step makes the solution blow up, or an exact run has more than `MAX_EVENTS`
+        events; the message gives the time.
 
     Examples
     --------
@@ -238,18 +239,18 @@ def simulate_many(
     y0: Sequence[float] | np.ndarray | None = None,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Run many axes exactly, on all processors, as for a fit or a study.
+    """Simulate many axes exactly on all processors, as for a fit or a parameter study.
 
     Parameters
     ----------
     parameters : iterable of r AxisParameters
         The axes.
     set_velocity, t_end, control, y0
-        As for `simulate`, the same for all.
+        As for `simulate`, shared by all runs.
     times : (n,) array_like, optional
-        Times in s, from 0 to `t_end`; only `t_end` if left out.
+        Times in s, from 0 to `t_end`; default `t_end` only.
     threads : int, optional
-        Number of threads, one a processor if left out. Results do not depend on it.
+        Number of threads, by default one per processor. The results do not depend on it.
 
     Returns
     -------
@@ -259,9 +260,9 @@ def simulate_many(
     Raises
     ------
     TypeError, ValueError
-        If an argument is out of range; the message names it, its value and what is allowed.
+        If an argument is out of range; the message gives its name, value and allowed range.
     IntegrationError
-        If a run fails; the message names its place in `parameters`.
+        If a run fails; the message gives its index in `parameters`.
     """
     inputs, t_end, state = _checked(set_velocity, control, t_end, y0)
     axes = list(parameters)
@@ -290,14 +291,14 @@ def simulate_many(
     return y
 
 
-#: Of modes and guards, for events and errors.
+#: Names of modes and guards, for events and error messages.
 _TO_NAMES = region_of_number, Region._fields.__getitem__
 
 
 def _exact(
     p: AxisParameters, inputs: "_Inputs", t_end: float, state: np.ndarray
 ) -> tuple[Record, Callable[[Record, np.ndarray], np.ndarray]]:
-    """Run an axis exactly; return the record and the function that makes states of it."""
+    """Run an axis exactly; return the record and the function that evaluates its states."""
     numbers = np.array(constants(p))
     record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, _limits())
     require_finished(record, *_TO_NAMES)
@@ -316,7 +317,7 @@ def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarra
 
 @cache
 def _ready_to_run() -> Callable[..., Record]:
-    """Compile the solver or read it from the disk, and tell what takes so long the first time."""
+    """Compile the solver or load it from disk; print a notice if this takes long."""
     text = "armsim: compiling the exact solver, once per installation; half a minute or so"
     timer = threading.Timer(2.0, print, (text,), {"file": sys.stderr, "flush": True})
     timer.daemon = True
@@ -369,15 +370,16 @@ def _set_velocity(schedule: Schedule, t: np.ndarray | float) -> np.ndarray:
 
 
 def _raise_if_beyond_bound(run: Trajectory, method: str) -> None:
-    """Report a blow-up of the preamplifier that has not yet reached infinity.
+    """Raise an error if the preamplifier has blown up but is still finite.
 
-    Its two lags have positive impulse response and unit gain, so y4 cannot exceed the largest
-    input by more than its initial state contributes. The limits hide its growth from the rest.
+    Its two lags have a positive impulse response and unit gain, so y4 cannot exceed the largest
+    input by more than the contribution of its initial state. The limits hide its growth from the
+    other states.
     """
     p, (y4, y5) = run.parameters, run.y[4:6, 0]
     volts = max(abs(u) for _, u in run.schedule)
     largest = p.K_1 * volts + p.K_2 * p.K_t * np.abs(run.y[3]).max()
-    bound = 2 * (largest + abs(y4) + (p.T_p + p.T_r) * abs(y5))  # 2: room for a coarse step
+    bound = 2 * (largest + abs(y4) + (p.T_p + p.T_r) * abs(y5))  # 2 allows for a coarse step
     beyond = np.abs(run.y[4]) > bound
     if beyond.any():
         first = int(np.argmax(beyond))
@@ -392,10 +394,10 @@ _NO_TRACK, _NO_LAW = np.empty((0, 2)), SlaveControl().law
 
 @dataclass(frozen=True)
 class _Inputs:
-    """Set velocity in the form that the compiled functions need."""
+    """Set velocity in the form required by the compiled functions."""
 
     starts: np.ndarray
-    volts: np.ndarray  #: filled in by a run under control
+    volts: np.ndarray  #: filled in during a run with a control unit
     track: np.ndarray = field(default_factory=lambda: _NO_TRACK)
     law: Law = _NO_LAW
     control: SlaveControl | None = None
@@ -405,7 +407,7 @@ class _Inputs:
         return self.starts, self.volts, self.track, self.law
 
     def copy(self) -> "_Inputs":
-        """Inputs for another run, with volts of its own to be filled in."""
+        """Return a copy for another run, with its own `volts` to be filled in."""
         return replace(self, volts=self.volts.copy())
 
     def schedule(self) -> Schedule:
@@ -443,7 +445,7 @@ def _checked_inputs(
 
 
 def _checked_schedule(set_velocity: SetVelocity) -> Schedule:
-    if isinstance(set_velocity, (float, Real, str)):  # a union would be made at every call
+    if isinstance(set_velocity, (float, Real, str)):  # a union would be built at every call
         return ((0.0, checked_number("set_velocity", set_velocity)),)
     schedule: list[tuple[float, float]] = []
     for n, entry in enumerate(set_velocity):

@@ -1,9 +1,9 @@
-"""The slave control unit: from track data to the set velocity, paper's Section 3.2 and Figure 2.
+"""Slave control unit: set velocity from track data, paper's Section 3.2 and Figure 2.
 
 The master sends a position and a speed every 80 ms. Every 5 ms the unit reads the encoder on the
-motor shaft and puts out a voltage that is held until the next sample. The paper says that the law
-combines position, velocity and integrated position, and no more: the law below, its gains, the
-resolution of the encoder and the shape of the move are our choice.
+motor shaft and outputs a voltage that is held until the next sample. The paper states only that the
+law combines position, velocity and integrated position. The law below, its gains, the encoder
+resolution and the shape of the move are our choice.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -28,23 +28,23 @@ _MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
 class Track:
     """Track data: positions and speeds that the master sends at equal intervals.
 
-    Between two of them the motion is the cubic that has both positions and both speeds; after the
-    last one the arm is to stay.
+    Between two track points the motion is their cubic Hermite interpolant. After the last one the
+    arm should remain at rest.
 
     Parameters
     ----------
     position : tuple of float
-        m, at 0, `period`, 2 `period`, …
+        Positions in m at 0, `period`, 2 `period`, …
     speed : tuple of float
-        m/s, at the same times; the last one is zero.
+        Speeds in m/s at the same times; the last one is zero.
     period : float
-        s, between two track data; the paper's is 80 ms.
+        Interval between track points in s; 80 ms in the paper.
 
     Raises
     ------
     ValueError
-        If there are fewer than two, not as many speeds as positions, a number is not finite, the
-        last speed is not zero or the period not positive.
+        If there are fewer than two points, positions and speeds differ in number, a value is not
+        finite, the last speed is not zero, or the period is not positive.
     """
 
     position: tuple[float, ...]
@@ -73,16 +73,16 @@ class Track:
         acceleration: float = _MOVE["acceleration"],
         period: float = 0.08,
     ) -> Self:
-        """Sample a move with constant acceleration, constant velocity, constant deceleration.
+        """Sample a move with a trapezoidal velocity profile.
 
         Parameters
         ----------
         distance : float
-            Of the move in m; negative for one backwards.
+            Distance of the move in m; negative for a backward move.
         velocity, acceleration : float
-            Largest of the move in m/s and m/s²; a short move does not reach the velocity.
+            Maximum values in m/s and m/s²; a short move does not reach the velocity.
         period : float
-            s, between two track data.
+            Interval between track points in s.
         """
         checked_number("distance", distance)
         checked_number("velocity", velocity, above=0.0)
@@ -106,12 +106,12 @@ class Track:
 
     @property
     def duration(self) -> float:
-        """Time in s from which on the arm is to stay."""
+        """Time in s after which the arm should remain at rest."""
         return self.period * (len(self.position) - 1)
 
     @cached_property
     def _spline(self) -> Any:
-        from scipy.interpolate import CubicHermiteSpline  # slow to import, and few need it
+        from scipy.interpolate import CubicHermiteSpline  # slow to import and rarely needed
 
         times = self.period * np.arange(len(self.position))
         return CubicHermiteSpline(times, self.position, self.speed)
@@ -124,40 +124,40 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class SlaveControl:
-    """Slave control unit of one axis; a law with sampled input and held output.
+    """Slave control unit of one axis: a sampled control law whose output is held.
 
-    At each sample, with the encoder's position x̂, its change v̂ per sample, the track's position x
-    and speed v, and e = x - x̂,
+    With the encoder position x̂, its difference quotient v̂ over one sample, the track position x
+    and speed v, and e = x - x̂, the output at each sample is
 
         U = clip((v + K_p e + K_I ∫e dt + K_v (v - v̂)) · volts_per_speed, ±limit).
 
-    The integral rests while the output is at its limit and e would drive it farther.
+    The integral is frozen while the output is at its limit and e would drive it further.
 
     Parameters
     ----------
     track : Track
         Position and speed to follow.
     K_p : float
-        Gain of the position in 1/s; our choice.
+        Position gain in 1/s; our choice.
     K_I : float
-        Gain of the integrated position in 1/s²; our choice.
+        Integral gain in 1/s²; our choice.
     K_v : float
-        Gain of the velocity; our choice.
+        Velocity gain; our choice.
     delay : int
-        Samples between a reading and the output computed from it, the "D" of Figure 2.
+        Number of samples from a reading to the output computed from it, the "D" of Figure 2.
     counts : int
-        Of the encoder per revolution of the motor; our choice. 0 stands for a perfect one.
+        Encoder counts per motor revolution; our choice. 0 means an ideal encoder.
     period : float
-        s, between two samples (Section 3.2).
+        Sampling period in s (Section 3.2).
     limit : float
-        V, of the output.
+        Output limit in V.
     volts_per_speed : float
-        V s/m; the paper sets K_1 so that 10 V make 1 m/s (Section 4).
+        Scale in V s/m; the paper sets K_1 so that 10 V gives 1 m/s (Section 4).
 
     Raises
     ------
     TypeError, ValueError
-        If a value is of another type or out of range.
+        If a value has the wrong type or is out of range.
     """
 
     track: Track = field(default_factory=Track.trapezoid)
@@ -181,13 +181,13 @@ class SlaveControl:
 
     @property
     def law(self) -> "Law":
-        """What the compiled `put_out` needs of the unit."""
+        """Constants of the unit for the compiled `put_out`."""
         angle = 2 * math.pi / self.counts if self.counts else 0.0
         gains = self.K_p, self.K_I, self.K_v
         return Law(*gains, self.delay, angle, self.period, self.limit, self.volts_per_speed)
 
     def samples(self, t_end: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times (j,) of the samples before `t_end` in s; position and speed (j, 2) of the track."""
+        """Sample times (j,) in s before `t_end`; position and speed (j, 2) of the track there."""
         times = self.period * np.arange(math.ceil(t_end / self.period - 1e-9))
         return times, np.ascontiguousarray(self.track(times).T)
 
@@ -196,41 +196,41 @@ _POSITIVE = ("period", "limit", "volts_per_speed")
 
 
 class Law(NamedTuple):
-    """Numbers of a control law; see `SlaveControl`."""
+    """Constants of a control law; see `SlaveControl`."""
 
     K_p: float
     K_I: float
     K_v: float
     delay: int
-    angle: float  #: rad, of one count; 0 stands for a perfect encoder
+    angle: float  #: rad per count; 0 for an ideal encoder
     period: float
     limit: float
     volts_per_speed: float
 
 
-#: What a unit remembers between its samples, and its place: ∫e dt in m s, the last position in m.
+#: Memory of a unit between samples: indices of ∫e dt in m s and of the last position in m; size.
 INTEGRAL, POSITION, MEMORY = 0, 1, 2
 
 
 @_compiled
 def put_out(n, angle, r_g, track, law, memory, volts):
-    """Return the output at sample `n`, and set in `volts` what is put out `delay` samples later.
+    """Return the output at sample `n`, and store in `volts` the output for `delay` samples later.
 
     Parameters
     ----------
     n : int
-        Number of the sample.
+        Index of the sample.
     angle : float
-        Of the motor in rad.
+        Motor angle in rad.
     r_g : float
-        Radius of its gear in m.
+        Motor gear radius in m.
     track : (j, 2) array
         Position in m and speed in m/s at each sample.
     law : Law
     memory : (MEMORY,) array
         Zero before the first sample.
     volts : (j,) array
-        Outputs; zero before the first sample.
+        Outputs in V; zero before the first sample.
     """
     if law.angle > 0.0:
         angle = law.angle * math.floor(angle / law.angle + 0.5)

@@ -1,4 +1,4 @@
-"""Piecewise-affine systems solved exactly, from event to event; nothing here knows of robots."""
+"""Exact event-to-event solution of piecewise-affine systems, independent of the robot model."""
 
 from armsim.exact.piecewise_affine import System
 

@@ -1,8 +1,8 @@
-"""When a guard, a linear function of the state of a linear system, reaches one of its limits.
+"""Search for the first time at which a guard reaches one of its limits.
 
-The search never passes a crossing: from one time to the next it goes by steps for which a bound
-proves that the guard keeps between its limits. Where a piece starts with a guard on a limit, its
-derivatives decide whether it leaves.
+A guard is a linear function of the state of a linear system. The search advances by steps for
+which a bound proves that the guard stays between its limits, so it never passes a crossing. If a
+piece starts with a guard on a limit, the guard's derivatives decide whether it leaves.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -15,15 +15,15 @@ import numpy as np
 from armsim.exact import modal
 from armsim.exact.modal import TERMS, compiled, inlined, merged
 
-#: Rows of `Work.proof`. (Views of rows would cost more than what is done with them.)
+#: Rows of `Work.proof`. Views of rows would cost more than the arithmetic on them.
 SLOPE, CURVE, BEND, TWIST, UP, DOWN, STEADY = range(7)
-#: A sum is known to this many times the sum of its terms' sizes.
+#: Rounding error allowed for a sum, relative to the sum of the magnitudes of its terms.
 ROUNDING = 16 * float(np.finfo(float).eps)
-#: Numbers below this have fewer digits than others; to a guard they are zero.
+#: Smaller numbers may have lost digits to underflow; guards treat them as zero.
 TINY = float(np.finfo(float).tiny / np.finfo(float).eps)
-#: A search of more steps than these, a second or two of computing, is given up.
+#: Largest number of steps of a search, equivalent to one or two seconds of computing.
 MAX_SEARCH = 10_000_000
-#: In place of a guard: the search was given up.
+#: Returned in place of a guard if a search exceeds `MAX_SEARCH`.
 GIVEN_UP = -2
 
 
@@ -32,38 +32,38 @@ class Mode(NamedTuple):
 
     A: np.ndarray  #: (n, n)
     b: np.ndarray  #: (n,)
-    normal: np.ndarray  #: (g, n) the guards' values are normal @ z
-    lower: np.ndarray  #: (g,) they stay above this, which may be -inf
-    upper: np.ndarray  #: (g,) and below this, which may be inf
+    normal: np.ndarray  #: (g, n) guard values are normal @ z
+    lower: np.ndarray  #: (g,) lower limits, possibly -inf
+    upper: np.ndarray  #: (g,) upper limits, possibly inf
 
 
 class Work(NamedTuple):
-    """Room for the calculation of a piece; n states, g guards."""
+    """Workspace for one piece, with n states and g guards."""
 
     state: np.ndarray  #: (n,) z at the start
     slope: np.ndarray  #: (n,) ż at the start
-    amplitude: np.ndarray  #: (n,) complex, of each mode in ż
+    amplitude: np.ndarray  #: (n,) complex amplitude of each mode in ż
     taylor: np.ndarray  #: (TERMS, n)
-    value: np.ndarray  #: (g,) of each guard at the start
-    noise: np.ndarray  #: (g,) what the value is known to
-    order: np.ndarray  #: (g,) 0 between the limits; at one, order of the first derivative not zero
-    derivative: np.ndarray  #: (g,) size of that derivative
-    drift: np.ndarray  #: (g,) steady slope of each guard, from integrals
-    c: np.ndarray  #: (g, n) complex, of each mode in the slope of each guard
-    d: np.ndarray  #: (g, n) complex, and by way of integrals in its curvature
-    curvature: np.ndarray  #: (g, n) complex, of each mode in the curvature of each guard, and …
-    size: np.ndarray  #: (g, n) … its modulus
-    disc: np.ndarray  #: (g, n) complex, of each mode in the guard itself, and …
-    radius: np.ndarray  #: (g, n) … its modulus
+    value: np.ndarray  #: (g,) guard values at the start
+    noise: np.ndarray  #: (g,) rounding error allowed for the value
+    order: np.ndarray  #: (g,) 0 between the limits; on one, order of the first nonzero derivative
+    derivative: np.ndarray  #: (g,) magnitude of that derivative
+    drift: np.ndarray  #: (g,) constant part of the slope, from states that are integrals
+    c: np.ndarray  #: (g, n) complex amplitude of each mode in the slope
+    d: np.ndarray  #: (g, n) complex amplitude in the curvature, from integrals
+    curvature: np.ndarray  #: (g, n) complex amplitude in the whole curvature
+    size: np.ndarray  #: (g, n) modulus of `curvature`
+    disc: np.ndarray  #: (g, n) complex amplitude in the guard itself
+    radius: np.ndarray  #: (g, n) modulus of `disc`
     change: np.ndarray  #: (g, TERMS) Taylor coefficients
-    proven: np.ndarray  #: (g,) time to which each guard is proven to keep between its limits
+    proven: np.ndarray  #: (g,) time up to which each guard is proven to stay in its limits
     step: np.ndarray  #: (g,) last step of the proof
     proof: np.ndarray  #: (7, n + 1) see `_gain_modal`
 
 
 @compiled
 def work_room(n, guards):
-    """Room for n states and a number of guards."""
+    """Allocate the workspace for n states and a number of guards."""
     number = np.complex128
     return Work(
         np.empty(n),
@@ -97,10 +97,10 @@ def set_slope(here, z, slope):
 
 @compiled
 def stand(here, z, w):
-    """Note how each guard stands at the start of a piece; return what leaves, and past which side.
+    """Classify each guard at the start of a piece; return the one that leaves, and its side.
 
-    A guard at a limit leaves or turns inwards as the first of its derivatives says that is not
-    zero to within rounding.
+    For a guard on a limit, the sign of the first derivative that exceeds rounding decides whether
+    it leaves or turns inwards.
     """
     for g in range(here.lower.size):
         lower, upper, value, sizes = here.lower[g], here.upper[g], 0.0, 0.0
@@ -124,7 +124,7 @@ def stand(here, z, w):
 
 @inlined
 def _first_derivative(g, here, z, w):
-    """First derivative of a guard that is not zero to within rounding; sets its order."""
+    """Return the first derivative of a guard that exceeds rounding, and set its order."""
     n = z.size
     derivative = sizes = 0.0
     for i in range(n):
@@ -153,7 +153,7 @@ def _first_derivative(g, here, z, w):
 
 @merged
 def _resolve(g, here, m, place, modes, w):
-    """Set the formula of a guard's value in the piece."""
+    """Set the coefficients of a guard's closed form in the piece."""
     w.drift[g] = 0.0
     for k in range(modes):
         w.c[g, k] = w.d[g, k] = 0.0
@@ -185,25 +185,25 @@ def _resolve(g, here, m, place, modes, w):
 
 @inlined
 def _box(rate, centre, radius):
-    """How far a mode alone can still lift and lower a guard from where it is.
+    """Bounds on the rise and the fall of a guard that one mode alone can still cause.
 
-    It moves on a disc of this radius around `centre`, seen from where it is.
+    The mode contributes `centre` now, and at most `radius` in magnitude from now on.
     """
     if rate.real > 0.0 or rate == 0.0:
         return math.inf, math.inf
-    if rate.imag == 0.0:  # it goes straight to its rest, not around it
+    if rate.imag == 0.0:  # a real mode decays monotonically to zero
         centre, radius = 0.5 * centre, 0.5 * radius
     return radius - centre, radius + centre
 
 
 @merged
 def _gain_modal(g, m, place, s, rest, w):
-    """Return gain and slope of a guard at `s`, the sizes of its terms, and how far the proof goes.
+    """Return gain and slope of a guard at `s`, the sum of its terms' magnitudes, and the reach.
 
-    The gain is drift s + Σ Re(c E₁(λ, s) + d E₂(λ, s)). For the proof, `w.proof` gets, of the k
-    slowest modes together: slope, second derivative, bounds of the second and of the third; and of
-    each mode alone: how far it can still lift and lower the guard, and the steady slope it tends
-    to. `rest` is what remains of the piece.
+    The gain is drift s + Σ Re(c E₁(λ, s) + d E₂(λ, s)). The proof holds for steps up to the reach.
+    Column k of `w.proof` describes the k slowest modes together: slope, second derivative, and
+    bounds of the second and third derivatives. It also describes mode k alone: bounds on the rise
+    and fall it can still cause, and its limiting slope. `rest` is the remaining time of the piece.
     """
     proof = w.proof
     gain, sizes, reach = w.drift[g] * s, abs(w.drift[g] * s), rest
@@ -239,7 +239,7 @@ def _gain_modal(g, m, place, s, rest, w):
 
 @merged
 def _gain_series(g, s, end, w):
-    """As `_gain_modal`, for a Taylor series: all is bounded together, as of no mode at all."""
+    """Counterpart of `_gain_modal` for a Taylor series, which fills column 0 of `w.proof`."""
     gain = slope = curve = sizes = bend = twist = 0.0
     for j in range(TERMS - 1, -1, -1):
         term = w.change[g, j]
@@ -271,7 +271,7 @@ def _longest(room, slope, bend):
 
 @inlined
 def _carried_on(step, above, below, slope, curve, twist):
-    """Carry a step on to at most four times its length, by a bound of the third derivative."""
+    """Extend a step to at most four times its length, using a bound of the third derivative."""
     more = twist * 4.0 * step / 3.0
     up = _longest(above, slope, max(0.0, more + curve))
     down = _longest(below, -slope, max(0.0, more - curve))
@@ -280,11 +280,11 @@ def _carried_on(step, above, below, slope, curve, twist):
 
 @merged
 def _safe_step(above, below, modes, rest, proof):
-    """Longest time for which a guard provably keeps within the room above and below it.
+    """Step for which a guard provably stays within the room above and below it.
 
-    Each mode is either followed, by its slope and the bound of its second derivative, or boxed, by
-    the farthest that it can move. Boxing the fastest modes, one more at a time, gives as many
-    proofs; the best one is carried on.
+    Each mode is either followed, using its slope and a bound of its second derivative, or boxed,
+    using the largest change it can cause. The fastest modes are boxed, one more at a time. The
+    longest of the resulting steps is extended by `_carried_on`.
     """
     best = best_above = best_below = tilt = boxed = 0.0
     followed = modes
@@ -306,9 +306,9 @@ def _safe_step(above, below, modes, rest, proof):
 
 @merged
 def _prove(g, m, place, modes, lower, upper, end, w):
-    """Carry the proof for a guard on by a step; return the side of a limit that it reaches, or 0.
+    """Advance the proof for a guard by one step; return the side of a limit it reaches, or 0.
 
-    Then the proof ends at the crossing.
+    If it reaches a limit, the proof ends at the crossing.
     """
     s = w.proven[g]
     if modes > 0:
@@ -319,7 +319,7 @@ def _prove(g, m, place, modes, lower, upper, end, w):
     above, below = upper - w.value[g] - gain, w.value[g] + gain - lower
     if above <= error or below <= error:
         side, room = (1, above) if above <= error else (-1, below)
-        if abs(room) < side * slope * w.step[g]:  # one last step, by Newton
+        if abs(room) < side * slope * w.step[g]:  # a final Newton step
             w.proven[g] = min(s + room / abs(slope), end)
         return side
     w.step[g] = _safe_step(above + error, below + error, modes, reach, w.proof)
@@ -329,7 +329,7 @@ def _prove(g, m, place, modes, lower, upper, end, w):
 
 @inlined
 def _series_bound(coefficients, order, end):
-    """Bound of the derivative of an order of Σ c_j u^(j+1), up to a time."""
+    """Bound of the derivative of a given order of Σ c_j u^(j+1) for u up to `end`."""
     bound = 0.0
     for j in range(TERMS - 1, order - 2, -1):
         size = abs(coefficients[j])
@@ -341,10 +341,10 @@ def _series_bound(coefficients, order, end):
 
 @merged
 def _clearance(g, m, place, modes, width, end, w):
-    """Time by which a guard that turns inwards is clear of its limit, and not yet at the other.
+    """Time at which a guard that turns inwards is clear of its limit and short of the other.
 
-    In g ≥ |D| uᵒ/o! - bound uᵒ⁺¹/(o+1)! the first derivative D that is not zero, of order o, keeps
-    the upper hand for a while.
+    D is the first nonzero derivative, of order o. In g ≥ |D| uᵒ/o! - bound uᵒ⁺¹/(o+1)! its term
+    dominates for small u.
     """
     order, derivative, u = w.order[g], w.derivative[g], end
     bound = _series_bound(w.change[g], order + 1, end)
@@ -354,7 +354,7 @@ def _clearance(g, m, place, modes, width, end, w):
             u = min(u, 1.0 / rate.real)
             size *= math.exp(min(1.0, rate.real * end))
         bound += size
-    if derivative == 0.0:  # none is known from zero
+    if derivative == 0.0:  # no derivative exceeds rounding
         return u if _rests(g, m, place, modes, u, w) else min(u, 1e-3 * m.reach[place])
     factorial = 1.0
     for factor in range(2, order + 1):
@@ -366,7 +366,7 @@ def _clearance(g, m, place, modes, width, end, w):
 
 @inlined
 def _farthest(coefficients, end):
-    """How far Σ c_j u^(j+1) can get up to a time."""
+    """Bound of |Σ c_j u^(j+1)| for u up to `end`."""
     farthest = 0.0
     for j in range(TERMS - 1, -1, -1):
         farthest = (farthest + abs(coefficients[j])) * end
@@ -375,7 +375,7 @@ def _farthest(coefficients, end):
 
 @compiled
 def _rests(g, m, place, modes, end, w):
-    """Whether a guard provably keeps where it is, to within rounding."""
+    """Whether a guard provably stays constant to within rounding."""
     farthest = abs(w.drift[g]) * end
     for k in range(modes):
         if m.rate[place, k].real <= 0.0 and m.rate[place, k] != 0.0:
@@ -387,10 +387,10 @@ def _rests(g, m, place, modes, end, w):
 
 @compiled
 def first_crossing(here, m, place, modes, end, longest_search, w):
-    """How long the piece lasts, at most `end`; the guard that ends it, or -1; and its side.
+    """Return the length of the piece, at most `end`; the guard that ends it, or -1; and its side.
 
-    The guard with the shortest proven interval is advanced, until all are proven to the end or to
-    the first crossing. After `longest_search` steps it is `GIVEN_UP`.
+    The guard with the shortest proven interval is advanced until all are proven up to the end or
+    the first crossing. After `longest_search` steps, `GIVEN_UP` is returned as the guard.
     """
     guards = here.lower.size
     for g in range(guards):
@@ -407,7 +407,7 @@ def first_crossing(here, m, place, modes, end, longest_search, w):
                 w.proven[g] = end
     first, side = -1, 0
     for _ in range(longest_search):
-        g = min(0, guards)  # no literal 0, for which all that follows would be compiled once more
+        g = min(0, guards)  # a literal 0 would make numba compile the code below twice
         for other in range(1, guards):
             if w.proven[other] < w.proven[g]:
                 g = other
@@ -423,13 +423,13 @@ def first_crossing(here, m, place, modes, end, longest_search, w):
 def put_at_limit(normal, limit, z):
     """Remove the rounding error of a guard that has just reached its limit.
 
-    Each state changes in proportion to its share in the guard; a zero stays zero.
+    The relative change of each state is proportional to its term in the guard; a zero stays zero.
     """
     share = normal * z
     largest = np.abs(share).max()
     if largest == 0.0:
         return
-    # Relative to the largest, since squares of tiny numbers are zero.
+    # Scaled by the largest, since squares of tiny terms underflow.
     weight = (share / largest) ** 2
     excess = (share.sum() - limit) / weight.sum()
     for i in range(z.size):

@@ -1,9 +1,9 @@
-"""A linear system with constant input, ż = A z + b, in closed form: by its modes or its series.
+"""Closed-form solution of a linear system ż = A z + b with constant input.
 
-What the state gains from a start on is a sum over the eigenvalues λ of A, of terms that vanish with
-the time, so that no digits cancel however short it is. Where eigenvectors are too close to
-dependent, or not worth their cost, the Taylor series takes their place for a while. Everything is
-compiled, and made for matrices of some ten rows.
+The change of the state since the start is a sum over the eigenvalues λ of A. Each term vanishes as
+the elapsed time goes to zero, so short times cause no cancellation. If the eigenvectors are nearly
+dependent, a Taylor series of limited reach replaces the sum. Everything is compiled and intended
+for matrices of about ten rows.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -18,36 +18,36 @@ from numba.extending import get_cython_function_address
 
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 compiled = njit(**OPTIONS)
-#: For what is small, or called from several places.
+#: For functions that are small or called from several places.
 inlined = njit(forceinline=True, **OPTIONS)
-#: For what is called from one place: part of its caller, not optimised on its own before.
+#: For functions called from one place: merged into the caller before optimisation.
 merged = njit(inline="always", **OPTIONS)
 
-#: Largest entry of the inverse of the eigenvectors with which the modal form is used.
+#: Largest entry of the inverse eigenvector matrix for which the modal form is used.
 WELL_CONDITIONED = 1e5
-#: Terms of the Taylor series; while ‖A‖u ≤ 1 the next one is below rounding.
+#: Terms of the Taylor series; for ‖A‖u ≤ 1 the next term is below rounding.
 TERMS = 19
 
 UNKNOWN, DEFECTIVE = -2, -1
 
 
 class Matrices(NamedTuple):
-    """Matrices of n rows and what is known of them; room for k."""
+    """Storage for k matrices of n rows and their modal forms."""
 
     A: np.ndarray  #: (k, n, n)
-    unit: np.ndarray  #: (k, n) units of the states that balance it; 0 where no derivative feels one
-    reach: np.ndarray  #: (k,) how far the Taylor series goes, in these units
-    modes: np.ndarray  #: (k,) number of modes kept; 0 for the matrix 0; `UNKNOWN`, `DEFECTIVE`
-    rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair the one with positive part
+    unit: np.ndarray  #: (k, n) balancing units of the states; 0 if no derivative depends on it
+    reach: np.ndarray  #: (k,) longest time for the Taylor series, 1/‖A‖ in these units
+    modes: np.ndarray  #: (k,) number of modes kept, 0 for A = 0; or `UNKNOWN`, `DEFECTIVE`
+    rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair, the one with Im λ > 0
     inverse: np.ndarray  #: (k, n) complex 1/λ
     speed: np.ndarray  #: (k, n) |λ|
-    column: np.ndarray  #: (k, n, n) complex: from amplitudes to states, doubled for a pair
-    row: np.ndarray  #: (k, n, n) complex: from slopes to amplitudes
+    column: np.ndarray  #: (k, n, n) complex, maps amplitudes to states; doubled for a pair
+    row: np.ndarray  #: (k, n, n) complex, maps slopes to amplitudes
 
 
 @compiled
 def room_for(k, n):
-    """Room for `k` matrices of `n` rows."""
+    """Allocate storage for `k` matrices of `n` rows."""
     number = np.complex128
     return Matrices(
         np.empty((k, n, n)),
@@ -67,9 +67,9 @@ def room_for(k, n):
 
 @compiled
 def _balance(A, unit):
-    """Find units of the states, powers of two, that make rows and columns of `A` alike in size.
+    """Set power-of-two units of the states that balance the rows and columns of `A`.
 
-    A state that no derivative depends on is a mere integral of the others and gets the unit 0.
+    A state on which no derivative depends is a pure integral of the others and gets the unit 0.
     Returns the norm of the matrix of the others in these units.
     """
     n = unit.size
@@ -105,7 +105,7 @@ def _balance(A, unit):
 
 @compiled
 def find(A, m, count):
-    """Place of `A` among the first `count` matrices; it is added if new; -1 if there is no room."""
+    """Return the place of `A` among `count` matrices, adding it if new; -1 if storage is full."""
     for place in range(count):
         if (m.A[place] == A).all():
             return place
@@ -119,7 +119,7 @@ def find(A, m, count):
 
 @compiled
 def _size(z):
-    """Square of the modulus, which needs no root."""
+    """Squared modulus, which avoids a square root."""
     return z.real * z.real + z.imag * z.imag
 
 
@@ -158,8 +158,8 @@ def _part(C, rows, columns):
     return C[rows][:, columns]
 
 
-# LAPACK's solver for real matrices, from SciPy. Numba's np.linalg.eig takes complex ones only where
-# eigenvalues are complex, at twice the cost.
+# LAPACK's solver for real matrices, from SciPy. If eigenvalues are complex, numba's np.linalg.eig
+# accepts only complex matrices, at twice the cost.
 llvmlite.binding.add_symbol(
     "armsim_dgeev", get_cython_function_address("scipy.linalg.cython_lapack", "dgeev")
 )
@@ -175,10 +175,11 @@ _dgeev = types.ExternalFunction(
 
 @compiled
 def eigen(A):
-    """Eigenvalues (n,) and eigenvectors (n, n) of a real matrix, both complex; and if it failed."""
+    """Complex eigenvalues (n,) and eigenvectors (n, n) of a real matrix, and a failure flag."""
     n = A.shape[0]
-    # Two arrays for all that LAPACK reads and writes. Both are read after the call, for numba would
-    # free what is not. The letters N and V, no left but right eigenvectors, are first bytes.
+    # Two arrays hold all that LAPACK reads and writes. Both are read after the call, since numba
+    # might otherwise free them too early. 78 and 86 are the letters N and V, for no left but right
+    # eigenvectors.
     whole = np.array([78, 86, n, 1, 8 * n, 0], np.int32)
     left, right, size, one, length, info = 0, 1, 2, 3, 4, 5
     real = np.empty(2 * n * n + 10 * n)
@@ -194,7 +195,7 @@ def eigen(A):
     rate, V = np.empty(n, np.complex128), np.empty((n, n), np.complex128)
     for k in range(n):
         rate[k] = complex(w[k], w[n + k])
-        first = k if w[n + k] >= 0.0 else k - 1  # a pair comes as real and imaginary part
+        first = k if w[n + k] >= 0.0 else k - 1  # a pair is stored as real and imaginary part
         for i in range(n):
             imaginary = v[(first + 1) * n + i] if w[n + k] != 0.0 else 0.0
             V[i, k] = complex(v[first * n + i], imaginary if w[n + k] >= 0.0 else -imaginary)
@@ -203,7 +204,7 @@ def eigen(A):
 
 @compiled
 def _influence(C):
-    """Which state acts on which, in the end through others: [i, j] says that j acts on i."""
+    """Matrix whose entry [i, j] is true if state j acts on state i, directly or through others."""
     n = C.shape[0]
     acts = np.empty((n, n), np.bool_)
     for i in range(n):
@@ -219,7 +220,7 @@ def _influence(C):
 
 @compiled
 def _extend(C, block, driven, value, v):
-    """Extend an eigenvector of a block into the states that it drives; return whether it exists."""
+    """Extend an eigenvector of a block to the states that it drives; return whether it exists."""
     rest = _part(C, driven, driven)
     for i in range(driven.size):
         rest[i, i] -= value
@@ -237,11 +238,11 @@ def _extend(C, block, driven, value, v):
 
 @compiled
 def _blockwise(C, rate, V):
-    """Eigenvalues and eigenvectors of `C`, block by block; return whether they could be found.
+    """Set eigenvalues and eigenvectors of `C`, block by block; return whether this succeeded.
 
-    States that are coupled in a loop form a block. The eigenvectors of a block are extended into
-    the states that it drives, where (C - λ) v vanishes as well. Small blocks cost less than the
-    whole matrix and lose fewer digits.
+    States that are coupled in a loop form a block. The eigenvectors of a block are extended to the
+    states that it drives so that (C - λ) v = 0 there too. Small blocks cost less than the whole
+    matrix and lose fewer digits.
     """
     n, done, acts = C.shape[0], 0, _influence(C)
     for first in range(n):
@@ -265,10 +266,11 @@ def _blockwise(C, rate, V):
 
 @compiled
 def _polish(C, V, W, rate, noise):
-    """Improve eigenvalues, eigenvectors and their inverse `W` by a Newton step.
+    """Refine the eigenvalues, the eigenvectors and their inverse `W` by a Newton step.
 
-    All eigenvalues come with the rounding error of the largest. W C V shows what each still lacks,
-    and how much of the other eigenvectors each contains. Gaps below `noise` are left alone.
+    All eigenvalues initially have the rounding error of the largest. The diagonal of W C V gives
+    refined eigenvalues; the other entries give the corrections of the eigenvectors. Eigenvectors
+    are not corrected for gaps between eigenvalues below `noise`.
     """
     D = W @ (C @ V)
     X = np.zeros_like(D)
@@ -284,7 +286,7 @@ def _polish(C, V, W, rate, noise):
 
 @compiled
 def _keep(m, place, slot, value, weight, v, w, core):
-    """Store a mode: its rate, and the ways from slopes to its amplitude and on to the states."""
+    """Store a mode: its rate, and the maps from slopes to its amplitude and on to the states."""
     A, unit = m.A[place], m.unit[place]
     m.rate[place, slot] = value
     m.inverse[place, slot] = 1.0 / value if value != 0.0 else value
@@ -295,14 +297,14 @@ def _keep(m, place, slot, value, weight, v, w, core):
         m.row[place, slot, core[i]] = w[i] / unit[core[i]]
         m.column[place, core[i], slot] = weight * v[i] * unit[core[i]]
     for i in range(unit.size):
-        if unit[i] == 0.0:  # an integral of the others: the amplitude in its second derivative
+        if unit[i] == 0.0:  # an integral of the others; amplitude in its second derivative
             for j in core:
                 m.column[place, i, slot] += A[i, j] * m.column[place, j, slot]
 
 
 @compiled
 def decompose(m, place):
-    """Find the modal form of a matrix, or mark it as near-defective."""
+    """Compute the modal form of a matrix, or mark it as near-defective."""
     A, unit = m.A[place], m.unit[place]
     core = np.flatnonzero(unit > 0.0)
     size = core.size
@@ -322,8 +324,10 @@ def decompose(m, place):
             if _size(rate[other]) < _size(rate[k]):
                 k = other
         value, rate[k] = rate[k], math.inf
-        weight = 1  # 2 for a pair: real eigenvectors come real, others are not nearly so, being
-        for i in range(size):  # independent of their conjugates
+        # The weight of a pair is 2. Its eigenvector is independent of its conjugate and therefore
+        # far from real, whereas eigenvectors of real eigenvalues are computed as real.
+        weight = 1
+        for i in range(size):
             weight = 2 if abs(V[i, k].imag) > 1e-7 else weight
         if weight == 2 and value.imag < 0.0:
             continue
@@ -339,7 +343,7 @@ def decompose(m, place):
 
 @inlined
 def _integrals(x, t, inverse):
-    """Return (exp(x) - 1) t / x and (exp(x) - 1 - x) t² / x², and exp(x), for x = λt."""
+    """Return exp(x), (exp(x) - 1) t / x and (exp(x) - 1 - x) t² / x² for x = λt."""
     if abs(x.real) + abs(x.imag) < 0.5:
         series = 1.0 + x * (1 / 16)
         for n in range(15, 2, -1):
@@ -354,7 +358,7 @@ def _integrals(x, t, inverse):
 
 @inlined
 def integrals(rate, inverse, t):
-    """Return exp(λt) and its first and second integral over (0, t), accurate also as λt → 0.
+    """Return exp(λt) and its first and second integrals over (0, t), accurate also as λt → 0.
 
     `inverse` is 1/λ.
     """
@@ -368,7 +372,7 @@ def integrals(rate, inverse, t):
 
 @compiled
 def set_amplitudes(m, place, slope, amplitude):
-    """Amplitude of each mode in the slope at the start of a piece."""
+    """Set the amplitude of each mode in the slope at the start of a piece."""
     for k in range(m.modes[place]):
         total = 0j
         for i in range(slope.size):
@@ -378,7 +382,7 @@ def set_amplitudes(m, place, slope, amplitude):
 
 @compiled
 def set_taylor(A, slope, taylor):
-    """Coefficients of u, u², … in the state at a time u after the start of a piece."""
+    """Set the coefficients of u, u², … in the state at a time u after the start of a piece."""
     taylor[0] = slope
     for j in range(1, TERMS):
         taylor[j] = A @ taylor[j - 1] / (j + 1)
@@ -386,7 +390,7 @@ def set_taylor(A, slope, taylor):
 
 @compiled
 def advance(m, place, state, slope, amplitude, taylor, u, out):
-    """State `out` at a time `u` after the start of a piece."""
+    """Set `out` to the state at a time `u` after the start of a piece."""
     n = out.size
     if m.modes[place] <= 0:
         for i in range(n):
@@ -400,7 +404,7 @@ def advance(m, place, state, slope, amplitude, taylor, u, out):
         if m.unit[place, i] == 0.0:
             out[i] += slope[i] * u
     for k in range(m.modes[place]):
-        if amplitude[k] == 0.0:  # though the mode may grow beyond all numbers
+        if amplitude[k] == 0.0:  # the mode itself may overflow, and 0 · inf is NaN
             continue
         _, first, second = integrals(m.rate[place, k], m.inverse[place, k], u)
         first, second = amplitude[k] * first, amplitude[k] * second

@@ -1,10 +1,10 @@
 """Exact solution of piecewise-affine systems, mode by mode.
 
-In each mode the system is linear, ż = A z + b, and its guards, linear functions of the state, stay
-within their limits. So a run is a chain of pieces, each in closed form (`armsim.exact.modal`),
-glued where a guard reaches a limit (`armsim.exact.crossing`). Nothing is discretised: all that is
-searched for is the times of the events, by steps that are proven not to pass any. The page "How the
-exact solver works" of the book derives the formulas, in the order of these modules' functions.
+In each mode the system is affine, ż = A z + b, and its guards, linear functions of the state, stay
+within their limits. A run is therefore a sequence of pieces, each in closed form
+(`armsim.exact.modal`), joined where a guard reaches a limit (`armsim.exact.crossing`). Time is not
+discretised: only the event times are searched for, by steps that are proven not to pass any. The
+book's page "How the exact solver works" derives the formulas in the order of these functions.
 """
 
 import math
@@ -21,7 +21,7 @@ from armsim.exact.crossing import Mode
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
 from armsim.machine_code import generated, kept, label
 
-#: Events at one time after which the modes are taken to chase each other for ever.
+#: Largest number of events at one time; more are taken as endless switching.
 AT_ONCE = 25
 
 (
@@ -36,15 +36,15 @@ AT_ONCE = 25
 
 
 class Record(NamedTuple):
-    """What a compiled run leaves: its p pieces and its e events."""
+    """Result of a compiled run with p pieces and e events."""
 
-    status: int  #: `FINISHED` or why not
-    start: np.ndarray  #: (p, 1 + 2n) of each piece: time, state, slope
-    label: np.ndarray  #: (p, 2) of each piece: mode, place of its matrix
+    status: int  #: `FINISHED` or the reason for stopping
+    start: np.ndarray  #: (p, 1 + 2n) time, state and slope at the start of each piece
+    label: np.ndarray  #: (p, 2) mode and place of the matrix of each piece
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     matrices: Matrices
-    end: float  #: time that was reached
+    end: float  #: time reached
 
 
 # --- a run ------------------------------------------------------------------------------------
@@ -54,7 +54,7 @@ class Record(NamedTuple):
 def _run_piece(here, m, place, h, longest_search, z, w):
     """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
 
-    Where a guard leaves at once, or the search for the next is given up, the length is 0.
+    The length is 0 if a guard leaves at once or the search is given up.
     """
     guard, side = crossing.stand(here, z, w)
     if guard >= 0:
@@ -79,7 +79,7 @@ def _run_piece(here, m, place, h, longest_search, z, w):
 
 @compiled
 def _set_formula(m, place, slope, w):
-    """Set what the state in a piece is a sum of."""
+    """Set the mode amplitudes or the Taylor coefficients of a piece."""
     if m.modes[place] > 0:
         modal.set_amplitudes(m, place, slope, w.amplitude)
     else:
@@ -88,7 +88,7 @@ def _set_formula(m, place, slope, w):
 
 @compiled
 def _with_room(rows, count):
-    """Rows with room for one more than `count`: themselves, or a copy of twice the length."""
+    """Return `rows` if they hold more than `count`, or else a copy of twice the length."""
     if count < rows.shape[0]:
         return rows
     longer = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
@@ -98,15 +98,15 @@ def _with_room(rows, count):
 
 @compiled
 def given(interval, z, inputs, constants):
-    """Input that is known beforehand; see `solve`."""
+    """Return an input that is known in advance; see `solve`."""
     return inputs[interval]
 
 
-# Part of its caller: so the machine code holds no address of `equations` and `successor`, and numba
-# can keep it on disk.
+# Merged into its caller, so that the machine code contains no address of `equations` or `successor`
+# and numba can cache it on disk.
 @merged
 def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, sizes, limits):
-    """Run a piecewise-affine system: what `System.solve` calls, for use in other compiled code.
+    """Run a piecewise-affine system; for `System.solve` and other compiled code.
 
     Parameters
     ----------
@@ -116,19 +116,19 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         ``hold(interval, z, inputs, constants)`` returns the input from the time
         ``starts[interval]`` on, where the state is `z`: `given`, or a sampled controller.
     starts : (j,) array
-        Times from which the inputs hold, the first being the start of the run.
+        Times from which the inputs apply; the first is the start of the run.
     inputs
-        Handed to `hold`; for `given` a (j, …) array of the inputs.
+        Passed to `hold`; for `given` a (j, …) array of the inputs.
     end : float
         End of the run.
     z : (n,) array
-        State at the start, and when it returns, at the end.
+        State at the start; overwritten with the state at the end.
     mode : int
         Mode at the start.
     sizes : (int, int)
-        Number of guards, and of different matrices at most.
+        Number of guards, and largest number of different matrices.
     limits : (int, int, int)
-        Largest number of events, of pieces, and of steps of the search for an event.
+        Largest numbers of events, of pieces, and of steps of the search for an event.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
 
 @compiled
 def _obstacle(place, all_pieces):
-    """Return why a piece cannot begin."""
+    """Return the status that says why a piece cannot begin."""
     if place < 0:
         return TOO_MANY_MATRICES
     return TOO_MANY_PIECES if all_pieces else NOT_FINITE
@@ -216,7 +216,7 @@ def sample(record, times, out):
 
 @compiled
 def _piece_at(record, t):
-    """Index of the piece that holds a time; where two meet, the later."""
+    """Index of the piece that contains a time; the later one where two meet."""
     low, high = 0, record.start.shape[0]
     while high - low > 1:
         middle = (low + high) // 2
@@ -242,16 +242,16 @@ def run(constants, starts, inputs, end, z, mode, sizes, limits):
 """
 
 
-# --- for users --------------------------------------------------------------------------------
+# --- called from Python -----------------------------------------------------------------------
 
 
 class Event(NamedTuple):
-    """A time at which the mode changes."""
+    """Change of the mode at one time."""
 
     time: float
     before: Any  #: mode
     after: Any  #: mode
-    causes: tuple[tuple[Any, int], ...]  #: guards that left, with the side, -1 below, +1 above
+    causes: tuple[tuple[Any, int], ...]  #: guards that left, and sides: -1 below, +1 above
 
 
 def _itself(value: Any) -> Any:
@@ -260,18 +260,18 @@ def _itself(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class ExactSolution:
-    """Exact solution: call it with times for the states, and read off its events."""
+    """Exact solution; calling it with times returns the states."""
 
     record: Record
     end: float
-    states: Callable[[Record, np.ndarray], np.ndarray]  #: makes (n, k) of a record and times (k,)
+    states: Callable[[Record, np.ndarray], np.ndarray]  #: (n, k) from a record and times (k,)
     mode_name: Callable[[int], Any] = _itself
     guard_name: Callable[[int], Any] = _itself
-    inputs: Sequence[tuple[float, Any]] = ()  #: from each time on
+    inputs: Sequence[tuple[float, Any]] = ()  #: (time, input from then on)
     nfev: int = 0  #: no right-hand side is evaluated
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
-        """State (n,) at a time, or (n, k) at k times; where it jumps, that after the event.
+        """State (n,) at a time, or (n, k) at k times; at a jump, the state after the event.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class ExactSolution:
             If a time lies outside the run.
         """
         start, end = self.start, self.end
-        if isinstance(t, float) and start <= t <= end:  # without the detours of arrays
+        if isinstance(t, float) and start <= t <= end:  # fast path for a scalar
             return self.states(self.record, np.array([t]))[:, 0]
         times = np.array(t, dtype=float, ndmin=1)
         for time in (times.min(initial=start), times.max(initial=end)):
@@ -302,7 +302,7 @@ class ExactSolution:
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
-        """Switching events in the order of time; what happens at one time is one event."""
+        """Switching events in time order; changes at the same time form one event."""
         found: list[Event] = []
         rows = zip(self.record.event_time[:, 0].tolist(), self.record.event.tolist(), strict=True)
         for time, (guard, side, before, after) in rows:
@@ -316,7 +316,7 @@ class ExactSolution:
 
     @cached_property
     def t(self) -> np.ndarray:
-        """Times for a drawing: a thousand equal intervals, the events and the switches of input."""
+        """Times for a plot: a thousand equal intervals, the events and the switches of input."""
         even = np.linspace(self.start, self.end, 1001)
         switches = [time for time, _ in self.inputs if time < self.end]
         return np.unique(np.concatenate((even, self.record.event_time[:, 0], switches)))
@@ -328,7 +328,7 @@ class ExactSolution:
 
 
 def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_itself) -> None:
-    """Raise an `IntegrationError` that says where and why, if a run did not reach its end."""
+    """Raise an `IntegrationError` with time and reason if a run did not reach its end."""
     if record.status == FINISHED:
         return
     last = ", ".join(
@@ -358,17 +358,17 @@ class System:
     Parameters
     ----------
     equations : compiled function
-        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`: every
-        entry of its arrays, which hold what an earlier call left. A does not depend on `u`.
+        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`. It must
+        set every entry, since the arrays hold values of an earlier call. A must not depend on `u`.
     successor : compiled function
         ``successor(mode, guard, side, z, constants)`` returns the mode that follows when a guard
         leaves past its upper limit (`side` 1) or its lower one (-1). It may change the state `z`,
-        as an impact does. It has to decide on sliding: if the mode that it returns leaves by the
-        same guard at once, it is asked again, and a run in which this does not end is an error.
+        as at an impact. It must handle sliding: if the mode that it returns leaves by the same
+        guard at once, it is called again, and a run in which this does not end is an error.
     guards : int
         Number of guards.
     matrices : int
-        Number of different matrices A that can occur in a run, at most.
+        Largest number of different matrices A in a run.
     """
 
     equations: Callable[..., None]
@@ -403,15 +403,15 @@ class System:
         z0 : (n,) array_like
             State at ``t_span[0]``.
         mode : int
-            Mode there. If a guard says otherwise, the first event is at this time.
+            Mode there. If a guard is outside its limits, the first event is at this time.
         t_span : (float, float)
             First and last time.
         inputs : sequence of (time, input), optional
-            Input from each time on, rising from ``t_span[0]``; 0 if left out.
+            Input from each time on; times increase from ``t_span[0]``. Default 0.
         constants
-            Handed to the compiled functions.
+            Passed to the compiled functions.
         max_events : int
-            More events than these are an error.
+            Largest number of events; more are an error.
 
         Returns
         -------
@@ -422,8 +422,8 @@ class System:
         ValueError
             If an argument is out of range.
         IntegrationError
-            If the modes chase each other at one time, there are too many events, or the solution
-            is not finite; the message says when, and names the modes.
+            If the modes switch endlessly at one time, there are too many events, or the solution
+            is not finite. The message gives the time and the modes.
         """
         start, end = map(float, t_span)
         z = np.array(z0, dtype=float)

@@ -1,4 +1,4 @@
-"""Numerical methods for ordinary differential equations; nothing here knows of robots."""
+"""Numerical methods for ordinary differential equations, independent of the robot model."""
 
 from armsim.checks import IntegrationError
 from armsim.methods import tableaux

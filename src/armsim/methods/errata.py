@@ -1,40 +1,40 @@
-r"""Misprints of a tableau, found by search: the edits that restore its order.
+r"""Search for misprints of a tableau: the edits that restore its order.
 
-**What is searched.** Each row of A and the weights b may differ from the print by up to two
-edits, in all rows at once. An edit is what goes wrong in typesetting:
+**Search space.** Each row of A and the weights b may differ from the printed row by up to two
+edits, in all rows at once. An edit is a typesetting error:
 
-- the sign of a coefficient flipped;
-- a digit of a numerator or denominator replaced, inserted, deleted, or swapped with its neighbour
-  (the number does not then begin with 0);
-- two neighbouring coefficients of a row exchanged (once in a row).
+- the sign of a coefficient is flipped;
+- a digit of a numerator or denominator is replaced, inserted, deleted, or swapped with its
+  neighbour (the resulting number does not begin with 0);
+- two neighbouring coefficients of a row are exchanged (once per row).
 
 Coefficients that are not printed stay 0, and nodes are the row sums of A.
 
-**How it is pruned.** Weights must add up to 1, and rows are built up from the top; a stage
-:math:`i \ge 3` has to satisfy
+**Pruning.** The weights must sum to 1. Rows are built from the top down, and each stage
+:math:`i \ge 3` must satisfy
 
 .. math:: q_i := \sum_j a_{ij} c_j - c_i^2 / 2 = 0,
 
-which ties a row to itself and to the nodes above it. Before the last stage is chosen, the
-quadrature conditions :math:`\sum_i b_i c_i^{k-1} = 1/k` are used, which determine its node. What
-is left is decided by `armsim.methods.trees.order`. So the claim is: *among all tableaux within
-the edits whose stages satisfy* :math:`q_i = 0`, those found are all that reach the highest order.
+which involves only the row and the nodes above it. Before the last stage is chosen, the quadrature
+conditions :math:`\sum_i b_i c_i^{k-1} = 1/k` determine its node. The remaining candidates are
+decided by `armsim.methods.trees.order`. The claim is therefore: *among all tableaux within the
+edits whose stages satisfy* :math:`q_i = 0`, those found are all that reach the highest order.
 
-**When q = 0 is no restriction.** Three of the conditions of order 5, those for the weights
+**Where q = 0 is no restriction.** Three conditions of order 5, those for the weights
 :math:`b c^4`, :math:`b c^2 (Ac)` and :math:`b (Ac)^2`, combine to
 
 .. math:: \sum_i b_i q_i^2 = \tfrac{1}{20} - \tfrac{1}{10} + \tfrac{1}{4} \cdot \tfrac{1}{5} = 0,
 
 so if no weight is negative, every method of order 5 or more has :math:`q_i = 0` wherever
 :math:`b_i \ne 0`. `Errata.weights_positive` counts the weights for which this holds. For the
-two fifth-order methods of the paper the tests treat the other weights too, by the quadrature
-conditions alone, so that their repairs are unique without any condition on the stages; for the
-few weights of the sixth-order method that have a negative entry, and for the embedded weights of
-Dormand and Prince, q = 0 is part of what is searched.
+two fifth-order methods of the paper, the tests also cover the other weights, by the quadrature
+conditions alone. Their repairs are therefore unique without any condition on the stages. For the
+few weights of the sixth-order method with a negative entry, and for the embedded weights of
+Dormand and Prince, q = 0 remains an assumption of the search.
 
-Rows are sifted modulo a prime larger than every denominator that occurs: an equation between
-rationals holds modulo the prime too, so nothing is lost, and what passes by accident fails the
-exact test of the order.
+Rows are filtered modulo a prime larger than every denominator. An equation between rationals also
+holds modulo the prime, so no candidate is lost. Accidental matches fail the exact test of the
+order.
 """
 
 from collections.abc import Iterator, Sequence
@@ -52,43 +52,43 @@ from armsim.methods.tableaux import Tableau
 
 Pair = tuple[int, int]
 
-_EDITS = 2  # in each row
+_EDITS = 2  # per row
 _DIGITS = "0123456789"
 _PRIME = 2**30 - 35  # sums of seven products of residues fit into 64 bits
 _MAX_STAGES = 8
-_MAX_DENOMINATOR = 10**7 - 1  # two digits inserted leave it below the prime
+_MAX_DENOMINATOR = 10**7 - 1  # below the prime even with two more digits
 
 
 @dataclass(frozen=True)
 class Change:
-    """One coefficient that differs from the print."""
+    """Coefficient that differs from the printed one."""
 
     coefficient: str  #: such as ``"a_61"`` or ``"b_5"``
     printed: str
-    corrected: str  #: of the fractions of this value, one that the fewest edits lead to
+    corrected: str  #: fraction of this value reached by the fewest edits
     kind: str
 
 
 @dataclass(frozen=True)
 class Repair:
-    """A tableau of the highest order and how it differs from the print."""
+    """Tableau of the highest order and its differences from the printed one."""
 
     tableau: Tableau
     changes: tuple[Change, ...]
-    edits: int  #: how many single edits lead to it
+    edits: int  #: number of edits that lead to it
 
 
 @dataclass(frozen=True)
 class Errata:
-    """What `search` found."""
+    """Result of `search`."""
 
     printed: Tableau
     order_before: int
-    order_after: int  #: highest order within the edits; the same if nothing beats the print
-    repairs: tuple[Repair, ...]  #: all that reach it, fewest edits first
-    candidates: tuple[int, ...]  #: versions examined of each row of A below the first, and of b
-    weights_consistent: int  #: versions of b that add up to 1
-    weights_positive: int  #: those of them without a negative weight
+    order_after: int  #: highest order within the edits, at least `order_before`
+    repairs: tuple[Repair, ...]  #: all tableaux that reach it, fewest edits first
+    candidates: tuple[int, ...]  #: numbers of versions of the rows of A below the first, and of b
+    weights_consistent: int  #: versions of b that sum to 1
+    weights_positive: int  #: those without a negative weight
 
     @property
     def unique(self) -> bool:
@@ -107,22 +107,21 @@ def search(source: Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
     Parameters
     ----------
     source : (s + 1) rows of s pairs
-        The rows of A and, last, the weights, as unreduced ``(numerator, denominator)``; ``(0, 1)``
-        for a coefficient that is not printed. `armsim.paper.printed_fractions` has the paper's.
+        The rows of A, then the weights, as unreduced ``(numerator, denominator)``; ``(0, 1)`` for
+        a coefficient that is not printed. `armsim.paper.printed_fractions` returns the paper's.
     name : str
         Name of the method.
 
     Returns
     -------
     Errata
-        For the edits and the stage conditions that the description of this module states.
+        Result for the edits and stage conditions in the docstring of this module.
 
     Raises
     ------
     ValueError
-        If the tableau is not explicit or has rows of unequal length, the
-        stages are not 2 to 8, a number is no integer, or a denominator is not within 1 and
-        9999999.
+        If the tableau is not explicit or has rows of unequal length, the number of stages is not
+        2 to 8, a number is not an integer, or a denominator is not between 1 and 9999999.
     """
     rows = [list(row) for row in source]
     _check(rows)
@@ -132,7 +131,7 @@ def search(source: Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
     consistent = _consistent(weights)
     heads = _heads(stages[:-1])
     repairs: tuple[Repair, ...] = ()
-    for target in range(printed.stages, before, -1):  # s stages never exceed order s
+    for target in range(printed.stages, before, -1):  # order s at most with s stages
         found = _complete(heads, stages, weights, [*consistent.values()], target)
         if repairs := _repairs(name, rows, [*stages, weights], found, target):
             after = target
@@ -179,7 +178,7 @@ def _numbers(number: int) -> Iterator[tuple[int, str]]:
 
 
 def _edited(pair: Pair) -> Iterator[tuple[Pair, str]]:
-    """List what a coefficient is after one more edit."""
+    """Yield the coefficients that one more edit can produce."""
     n, d = pair
     yield (-n, d), "sign flipped"
     for number, kind in _numbers(abs(n)):
@@ -189,28 +188,28 @@ def _edited(pair: Pair) -> Iterator[tuple[Pair, str]]:
 
 
 class _Reading(NamedTuple):
-    """One way to read a coefficient."""
+    """Possible reading of a coefficient."""
 
     pair: Pair
-    kinds: tuple[str, ...] = ()  # one for each single edit
+    kinds: tuple[str, ...] = ()  # one per edit
 
 
 class _Readings(NamedTuple):
-    """The different values of a coefficient within two edits, each at its fewest edits."""
+    """Distinct values of a coefficient within two edits, each with its fewest edits."""
 
     known: list[_Reading]
-    ends: list[int]  # how many of them need no edit, at most one, at most two
+    ends: list[int]  # numbers of readings with no edit, at most one, at most two
     residues: np.ndarray
 
 
 @cache
 def _readings(pair: Pair) -> _Readings:
     kinds: dict[Pair, tuple[str, ...]] = {pair: ()}
-    newest = [pair] if pair[0] else []  # what is not printed cannot be misprinted
+    newest = [pair] if pair[0] else []  # an unprinted one cannot be misprinted
     values = {_lowest(pair): _Reading(pair)}
     ends = [1]
     for _ in range(_EDITS):
-        # Texts of equal value stay apart here, because they lead to different second edits.
+        # Fractions of equal value are kept apart here, since they allow different second edits.
         older, newest = newest, []
         for base in older:
             for text, kind in _edited(base):
@@ -230,7 +229,7 @@ def _lowest(pair: Pair) -> Pair:
 
 
 def _exchanged(row: Sequence[Pair]) -> Iterator[tuple[list[_Reading], int]]:
-    """Yield the row and those with neighbours exchanged, with the edits that are left."""
+    """Yield the row, and rows with two neighbours exchanged, each with its remaining edits."""
     columns = [_Reading(pair) for pair in row]
     yield columns, _EDITS
     for j, k in pairwise(j for j, (n, _) in enumerate(row) if n):
@@ -240,7 +239,7 @@ def _exchanged(row: Sequence[Pair]) -> Iterator[tuple[list[_Reading], int]]:
 
 
 def _picks(ends: Sequence[Sequence[int]], budget: int) -> np.ndarray:
-    """Which reading of each coefficient (row) a version (column) takes, `budget` edits in all."""
+    """Index of the reading of each coefficient (row) in each version (column) within `budget`."""
     blocks = [np.zeros((len(ends), 1), dtype=int)]
     for j, end in enumerate(ends):
         blocks.append(np.zeros((len(ends), end[budget] - 1), dtype=int))
@@ -253,7 +252,7 @@ def _picks(ends: Sequence[Sequence[int]], budget: int) -> np.ndarray:
 
 
 class _Versions:
-    """All versions of a row within two edits; `residues` has a column for each."""
+    """All versions of a row within two edits; `residues` has one column per version."""
 
     def __init__(self, row: Sequence[Pair]) -> None:
         self._blocks = []
@@ -270,17 +269,17 @@ class _Versions:
         self._half_squares = self.sums * self.sums % _PRIME * pow(2, -1, _PRIME) % _PRIME
 
     def tied(self, nodes: Sequence[int]) -> np.ndarray:
-        """Versions for which Σ a_ij c_j = c_i²/2, given the nodes above; any for stage 2."""
+        """Versions with Σ a_ij c_j = c_i²/2, given the nodes above; all versions for stage 2."""
         if len(nodes) == 1:
             return np.arange(self.count)
         total = sum(c * self.residues[j] for j, c in enumerate(nodes) if c)
         return np.flatnonzero((total - self._half_squares) % _PRIME == 0)
 
     def readings(self, version: int) -> tuple[list[_Reading], int]:
-        """Coefficients of a version, and the number of edits that lead to it."""
+        """Coefficients of a version, and its number of edits."""
         block = int(np.searchsorted(self._ends, version, side="right"))
         columns, budget, picks = self._blocks[block]
-        version -= self._ends[block]  # counted from the end of its block
+        version -= self._ends[block]  # a negative index into its block
         found = [
             _readings(c.pair).known[k] for c, k in zip(columns, picks[:, version], strict=True)
         ]
@@ -293,7 +292,7 @@ class _Versions:
 
 
 class _Head(NamedTuple):
-    """Rows of all stages but the last that satisfy q = 0."""
+    """Rows of all stages but the last, satisfying q = 0."""
 
     nodes: tuple[int, ...] = (0,)  # of all these stages, as residues
     versions: tuple[int, ...] = ()  # of the rows below the first
@@ -311,7 +310,7 @@ def _heads(stages: Sequence[_Versions]) -> list[_Head]:
 
 
 def _consistent(weights: _Versions) -> dict[tuple[Fraction, ...], int]:
-    """Weights that add up to 1, exactly, and a version of the row with the fewest edits."""
+    """Weights that sum to exactly 1, each with its version of fewest edits."""
     found: dict[tuple[Fraction, ...], tuple[int, int]] = {}
     for k in map(int, np.flatnonzero(weights.sums == 1)):
         readings, edits = weights.readings(k)
@@ -328,12 +327,12 @@ def _complete(
     consistent: Sequence[int],
     order: int,
 ) -> Iterator[tuple[int, ...]]:
-    """Versions of all rows that satisfy q = 0 and the quadrature conditions up to `order`."""
+    """Yield versions of all rows that satisfy q = 0 and the quadrature conditions up to `order`."""
     nodes = np.array([head.nodes for head in heads], dtype=np.int64).reshape(-1, len(stages))
     *b, last = weights.residues[:, consistent]
     moments = _moments(nodes, np.array(b), order)
     possible = np.ones((len(heads), len(consistent)), dtype=bool)
-    for one, next_one in pairwise(moments):  # their ratio is the last node, always the same
+    for one, next_one in pairwise(moments):  # each ratio must be the last node
         possible &= (moments[0] * one - last * next_one) % _PRIME == 0
     for h in map(int, np.flatnonzero(possible.any(axis=1))):
         tied = stages[-1].tied(heads[h].nodes)
@@ -344,9 +343,9 @@ def _complete(
 
 
 def _moments(nodes: np.ndarray, b: np.ndarray, order: int) -> list[np.ndarray]:
-    """For k = 1 … order - 1 what the last stage has to contribute to Σ b_i c_i^k = 1/(k + 1).
+    """Contribution of the last stage required by Σ b_i c_i^k = 1/(k + 1), k = 1 … order - 1.
 
-    One row a head, one column for each of the weights.
+    Each array has one row per head and one column per version of the weights.
     """
     powers, found = np.ones_like(nodes), []
     for k in range(1, order):
@@ -362,7 +361,7 @@ def _repairs(
     found: Iterator[tuple[int, ...]],
     order: int,
 ) -> tuple[Repair, ...]:
-    """Those of the tableaux found that have the order, each once, fewest edits first."""
+    """Distinct tableaux among those found that have the order, fewest edits first."""
     repairs: dict[tuple[tuple[Fraction, ...], ...], Repair] = {}
     for picks in found:
         readings = [v.readings(k) for v, k in zip(versions, picks, strict=True)]

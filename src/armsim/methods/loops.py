@@ -1,9 +1,9 @@
 """Integration loops generated from a tableau, as plain Python or as machine code.
 
-The source is straight-line: coefficients are literals, products with zero do not appear, and
-stages that the weights never reach are not evaluated. One generator serves a state that is a
-single array, for any right-hand side, and a state unrolled into scalars, where the whole loop with
-its right-hand side inlined becomes machine code.
+The source is straight-line code: coefficients are literals, products with zero are omitted, and
+stages that do not affect the weights are not evaluated. One generator serves two kinds of state. A
+single array works with any right-hand side. For a state unrolled into scalars, the loop and its
+inlined right-hand side are compiled together.
 """
 
 import re
@@ -19,28 +19,28 @@ from armsim.methods.tableaux import Tableau
 
 
 class Rule(NamedTuple):
-    """How the state y is moved along slopes k; `u` is the moved state, `f` the right-hand side."""
+    """Patterns to move the state y along slopes k; u is the moved state, f the right-hand side."""
 
-    term: str  #: of one stage
-    joint: str  #: between terms
-    moved: str  #: the state moved by the joined terms z
-    error: str  #: what the terms of b - b_embedded make of the new state x
+    term: str  #: term of one stage
+    joint: str  #: separator of terms
+    moved: str  #: state moved by the joined terms z
+    error: str  #: error estimate, from the new state x and the joined terms z of b - b_embedded
     slope: str
 
 
 FORMS = {
-    # + copies an array, since a right-hand side may return the same one every time
+    # The + copies an array, since a right-hand side may return the same one every time.
     "additive": Rule("{a}*k{i}{p}", " + ", "{y} + h*({z})", "h*({z})", "+{f}"),
     "exponential": Rule("{a}*k{i}{p}", " + ", "{y}*exp(h*({z}))", "{x}*expm1(-h*({z}))", "{f}/{u}"),
-    # the same, with the exponentials multiplied one by one as the paper writes them
+    # The exponential form with one exponential per term, multiplied together as in the paper.
     "exponential product": Rule(
         "exp(h*({a}*k{i}{p}))", "*", "{y}*{z}", "{x} - {x}/({z})", "{f}/{u}"
     ),
-    # eq. (13)-(16) to the letter: no step size, and no division by the state
+    # Eq. (13)-(16) as printed, without the step size and the division by the state.
     "as printed": Rule("exp({a}*k{i}{p})", "*", "{y}*{z}", "{x} - {x}/({z})", "+{f}"),
 }
 
-# All steps but the last have one h, so that products with it are made once, before the loop.
+# All steps but the last have the same h, so its products are computed once, before the loop.
 _FIXED = """\
 def loop(times, step, y, shift, out, args):
     <start>
@@ -55,7 +55,7 @@ def loop(times, step, y, shift, out, args):
 """
 
 # Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.4; `error` is
-# the mean square, so `power` is half of theirs. A NaN is no number below anything: it rejects.
+# the mean square, so `power` is half of theirs. A NaN compares false, so the step is rejected.
 _ADAPTIVE = """\
 def loop(t, end, h, y, shift, rtol, atol, power, times, out, slopes, args):
     <start>
@@ -90,18 +90,18 @@ def loop(t, end, h, y, shift, rtol, atol, power, times, out, slopes, args):
 
 
 def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = False) -> str:
-    """Source of the function ``loop`` that integrates with a tableau.
+    """Generate the source of a function ``loop`` that integrates with a tableau.
 
     Parameters
     ----------
     tableau : Tableau
-        The method; with embedded weights, if the loop is to be adaptive.
+        The method, with embedded weights if the loop is adaptive.
     size : int or None
-        Number of components into which the state is unrolled; with None it stays one array.
+        Number of scalars into which the state is unrolled; None keeps it as one array.
     form : str
         A key of `FORMS`. In all but the additive form y is the state plus the shift.
     adaptive : bool
-        Whether the loop chooses its steps by the embedded weights, or takes given ones.
+        Whether the loop chooses its steps by the embedded weights or takes given ones.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
 
 
 class _Lines:
-    """Lines of a loop. In a pattern ``{p}`` is the suffix of a component, ``{row}`` its index."""
+    """Lines of a loop. In patterns, ``{p}`` is the suffix of a component, ``{row}`` its index."""
 
     def __init__(self, tableau: Tableau, size: int | None, form: str) -> None:
         self.tableau, self.size = tableau, size
@@ -127,11 +127,11 @@ class _Lines:
         self.unshifted = "" if self.additive else " - s{p}"
 
     def each(self, pattern: str, **more: Any) -> list[str]:
-        """One line a component."""
+        """One line per component."""
         return [pattern.format(p=p, row=row, **more) for p, row in self.parts]
 
     def together(self, pattern: str) -> str:
-        """All components as a tuple, or the one array."""
+        """All components as a tuple, or the single array."""
         return ", ".join(self.each(pattern)) + ("" if self.size is None else ",")
 
     def joined(self, weights: list[float], p: str) -> str:
@@ -139,17 +139,17 @@ class _Lines:
         return self.rule.joint.join(terms)
 
     def moved(self, weights: list[float], p: str) -> str:
-        """Component moved along the slopes by a whole step."""
+        """Component moved along the slopes by a full step."""
         if not any(weights):
             return f"y{p}"
         return self.rule.moved.format(y=f"y{p}", z=self.joined(weights, p))
 
     def stage_state(self, i: int, p: str) -> str:
-        """Component at which stage i takes its slope."""
+        """Component of the state at which stage i is evaluated."""
         if not self.additive:
             return self.moved(self.A[i], p)
-        # Summed from y on with h*a made first: one operation between the newest slope and the
-        # stage. The step itself keeps y + h*(...), which rounds less.
+        # The sum starts at y and uses precomputed h*a, so one operation separates the newest slope
+        # from the stage. The step itself uses y + h*(...), which has a smaller rounding error.
         return " + ".join([f"y{p}"] + [f"(h*{a})*k{j}{p}" for j, a in enumerate(self.A[i]) if a])
 
     def stage(self, i: int) -> list[str]:
@@ -164,7 +164,7 @@ class _Lines:
         return [line for i in which for line in self.stage(i)]
 
     def common(self) -> dict[str, list[str]]:
-        """Blocks that both templates have."""
+        """Blocks common to both templates."""
         shifted = [] if self.additive else self.each("y{p} = y{p} + s{p}")
         return {
             "start": [f"{self.together('y{p}')} = y", f"{self.together('s{p}')} = shift", *shifted],
@@ -190,7 +190,7 @@ class _Lines:
         }
 
     def errors(self) -> list[str]:
-        """Mean square of the estimated errors in units of what is tolerated."""
+        """Mean square of the estimated errors relative to the tolerances."""
         weights = [float(weight) for weight in self.tableau.b - self.tableau.b_embedded]
         largest = f"maximum(fabs(y{{p}}{self.unshifted}), fabs(x{{p}}{self.unshifted}))"
         lines = []
@@ -203,7 +203,7 @@ class _Lines:
 
 
 def _filled(template: str, blocks: dict[str, list[str]]) -> str:
-    """Put each block in the place of its name, at the same indentation."""
+    """Replace each placeholder by its block, at the same indentation."""
 
     def block(match: re.Match) -> str:
         return "".join(f"{match[1]}{line}\n" for line in blocks[match[2]])
@@ -218,7 +218,7 @@ _source = cache(loop_source)
 
 
 def python_loop(fun: Callable, tableau: Tableau, form: str, adaptive: bool) -> Callable:
-    """Loop that calls `fun` as plain Python, on arrays."""
+    """Return a loop in plain Python that calls `fun` with arrays."""
     namespace: dict[str, Any] = _NAMES | {"fun": fun}
     exec(_source(tableau, None, form, adaptive), namespace)
     return namespace["loop"]
@@ -228,7 +228,7 @@ def python_loop(fun: Callable, tableau: Tableau, form: str, adaptive: bool) -> C
 def compiled_loop(
     fun: Callable, tableau: Tableau, size: int | None, form: str, adaptive: bool
 ) -> Callable:
-    """Machine code of the loop around a compiled `fun`, kept on disk where that is possible."""
+    """Compile the loop around a compiled `fun`; the code is cached on disk where possible."""
     source = _source(tableau, size, form, adaptive)
     return machine_code.generated(
         source, label(fun), _NAMES | {"fun": fun}, fastmath={"contract"}, error_model="numpy"

@@ -1,4 +1,4 @@
-"""Integration with a Butcher tableau: additive or exponential form, fixed step or adaptive."""
+"""Integration with a Butcher tableau, in additive or exponential form, fixed-step or adaptive."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,22 +18,22 @@ from armsim.methods.tableaux import Tableau
 RightHandSide = Callable[..., Any]
 Form = Literal["additive", "exponential", "exponential product", "as printed"]
 
-#: Solutions of more than this many numbers are refused rather than exhaust the memory.
+#: Largest number of stored values; larger solutions are rejected to protect the memory.
 MAX_STORED = 2**29
-#: States of up to this many components are unrolled; longer code would compile slowly.
+#: Largest state that is unrolled into scalars; longer code would compile slowly.
 _UNROLLED = 16
-#: Steps that an adaptive loop takes before its results are put away.
+#: Largest number of accepted steps in one call of an adaptive loop.
 _CHUNK = 256
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Result of `integrate`; an adaptive one can be called with the times wanted."""
+    """Result of `integrate`; calling an adaptive one evaluates its continuous extension."""
 
-    t: np.ndarray  #: (n,) times, first and last those of ``t_span``
+    t: np.ndarray  #: (n,) times from ``t_span[0]`` to ``t_span[1]``
     y: np.ndarray  #: (m, n) states
     nfev: int  #: right-hand-side evaluations
-    rejected: int = 0  #: steps that the error control tried in vain
+    rejected: int = 0  #: steps rejected by the error control
     _interpolate: Callable[[np.ndarray], np.ndarray] | None = None
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
@@ -72,8 +72,8 @@ def integrate(
     Parameters
     ----------
     fun : callable
-        ``fun(t, y, *args)`` gives the m derivatives, as for `scipy.integrate.solve_ivp`. A
-        function compiled by numba is run inside a compiled loop; it is fastest if it takes the
+        ``fun(t, y, *args)`` returns the m derivatives, as for `scipy.integrate.solve_ivp`. A
+        function compiled by numba runs inside a compiled loop; it is fastest if it accesses the
         components of `y` by index and returns a tuple.
     t_span : (float, float)
         First and last time. The last step is shortened to end there.
@@ -82,20 +82,20 @@ def integrate(
     tableau : Tableau
         The method, such as `armsim.methods.tableaux.RK6`.
     step_size : float, optional
-        Positive; time runs backwards if ``t_span[1] < t_span[0]``. Left out, the step is
-        controlled by `rtol` and `atol`, which needs a tableau with embedded weights (DP5).
+        Positive, also for backward integration with ``t_span[1] < t_span[0]``. By default `rtol`
+        and `atol` control the step, which requires embedded weights (DP5).
     form : {"additive", "exponential", "exponential product", "as printed"}
         ``"additive"`` is the ordinary method. ``"exponential"`` is the same method in the
         variable :math:`\ln(y + s)`: stages are :math:`(y + s) \exp(h \sum a_{ij} k_j) - s` with
-        :math:`k = f/(y + s)`. ``"exponential product"`` multiplies the exponentials one by one.
-        ``"as printed"`` is the paper's eq. (13)-(16) to the letter, without step size and
-        division; it is not consistent.
+        :math:`k = f/(y + s)`. ``"exponential product"`` multiplies one exponential per term.
+        ``"as printed"`` is the paper's eq. (13)-(16) literally, without step size and division;
+        it is not consistent.
     args : tuple
         Further arguments of `fun`.
     shift : float or (m,) array_like, optional
-        The shift s of the exponential form; 0 if left out. ``y + s`` has to stay positive.
+        Shift s of the exponential form, default 0. ``y + s`` must stay positive.
     rtol, atol : float
-        Tolerances of the error control: a step is accepted when the root mean square over the
+        Tolerances of the error control. A step is accepted if the root mean square over the
         components of ``error / (atol + rtol |y|)`` is at most 1. `atol` may be an (m,) array.
 
     Returns
@@ -106,10 +106,10 @@ def integrate(
     Raises
     ------
     ValueError, TypeError
-        If an argument is out of range; the message names it, its value and what is allowed.
+        If an argument is out of range; the message gives its name, value and allowed range.
     IntegrationError
-        If the solution blows up, reaches zero in the exponential form, or needs steps too small
-        to tell apart; the message names the method, the step and the time.
+        If the solution blows up, reaches zero in the exponential form, or needs a step too small
+        to change the time; the message gives the method, the step and the time.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def integrate(
 
 
 class _Problem(NamedTuple):
-    """What is integrated how, checked."""
+    """Checked arguments of `integrate`."""
 
     fun: RightHandSide
     start: float
@@ -167,7 +167,7 @@ def _fixed(problem: _Problem, step_size: float) -> Solution:
 
 
 class _Chunk(NamedTuple):
-    """Room for the accepted steps of one call of an adaptive loop."""
+    """Storage for the accepted steps of one call of an adaptive loop."""
 
     t: np.ndarray  #: (n,)
     y: np.ndarray  #: (m, n)
@@ -182,7 +182,7 @@ class _Chunk(NamedTuple):
 
 
 def _adaptive(problem: _Problem, rtol: float, atol: np.ndarray) -> Solution:
-    """Steps chosen by the embedded pair; results are collected in chunks."""
+    """Integrate with steps chosen by the embedded pair; results are collected in chunks."""
     _, t, end, y, tableau, _, s, args = problem
     m, stages, setting = y.size, tableau.stages, f"rtol {rtol:g}"
     loop, state = _loop(problem, adaptive=True)
@@ -213,13 +213,13 @@ def _adaptive(problem: _Problem, rtol: float, atol: np.ndarray) -> Solution:
 
 @cache
 def _lower_order(tableau: Tableau) -> int:
-    """Of the two orders of a pair; found exactly, which takes longer than a short integration."""
+    """Lower order of an embedded pair; cached because the exact computation is slow."""
     embedded = Tableau(f"{tableau.name} embedded", tableau.A, tableau.b_embedded)
     return min(trees.order(tableau), trees.order(embedded))
 
 
 def _first_step(problem: _Problem, scale: np.ndarray, power: float) -> tuple[float, int]:
-    """Starting step of Hairer, Nørsett and Wanner I, section II.4, and the evaluations it took."""
+    """Starting step of Hairer, Nørsett and Wanner I, section II.4, and its evaluations of `fun`."""
     fun, t, end, y0, *_, args = problem
     if t == end:
         return 0.0, 0
@@ -246,7 +246,7 @@ def _interpolant(tableau: Tableau) -> np.ndarray:
 def _extension(
     problem: _Problem, run: Solution, slopes: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Continuous extension y(t + θh), moved from the left end of a step along Σ b_i(θ) k_i."""
+    """Continuous extension y(t + θh): the left end of a step moved along Σ b_i(θ) k_i."""
     P, s = _interpolant(problem.tableau), problem.shift
     direction = 1 if run.t[-1] >= run.t[0] else -1
 
@@ -264,7 +264,7 @@ def _extension(
     return interpolate
 
 
-# --- input and output -------------------------------------------------------------------------
+# --- checks of arguments and results ----------------------------------------------------------
 
 
 def _checked_problem(t_span: Any, y0: Any) -> tuple[float, float, np.ndarray]:
@@ -285,7 +285,7 @@ def _checked_problem(t_span: Any, y0: Any) -> tuple[float, float, np.ndarray]:
 
 
 def _checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
-    """Shift of each component; zeros where there is none."""
+    """Shift (m,) of the components, zero by default."""
     if form not in FORMS:
         raise ValueError(f"form = {form!r} is not known; allowed are {list(FORMS)}")
     if shift is None:
@@ -323,11 +323,11 @@ def _checked_tolerances(
 
 
 def _raise_if_lost(problem: _Problem, t: np.ndarray, y: np.ndarray, setting: str) -> None:
-    """Report the first state that is not finite or, in the exponential form, not positive."""
+    """Raise an error at the first state that is not finite or, if exponential, not positive."""
     positive, s = problem.form.startswith("exponential"), problem.shift
     last = y[:, -1]
     if np.isfinite(last).all() and not (positive and (last + s <= 0).any()):
-        return  # a component that is not finite, or zero, stays so
+        return  # a component that is not finite, or zero, remains so
     lost = ~np.isfinite(y)
     if positive:
         lost |= y + s[:, None] <= 0
@@ -351,11 +351,11 @@ def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
     return slope
 
 
-# --- which loop -------------------------------------------------------------------------------
+# --- choice of the loop -----------------------------------------------------------------------
 
 
 def _loop(problem: _Problem, adaptive: bool = False) -> tuple[Callable, Callable]:
-    """Return the loop for a right-hand side, and what makes an array the state it takes."""
+    """Return the loop for a right-hand side, and the conversion of an array to its state type."""
     fun, start, _, y0, tableau, form, _, args = problem
     if not is_jitted(fun):
         checked = lambda t, y, *args: _as_slope(fun(t, y, *args), y)  # noqa: E731
@@ -373,9 +373,9 @@ def _loop(problem: _Problem, adaptive: bool = False) -> tuple[Callable, Callable
 
 
 def _takes_tuples(fun: RightHandSide, start: float, state: tuple[float, ...], args: tuple) -> bool:
-    """Whether a compiled `fun` maps a tuple of scalars to another, rather than needs arrays."""
+    """Whether a compiled `fun` maps a tuple of scalars to a tuple of the same length."""
     try:
         slope = fun(start, state, *args)
-    except (TypingError, TypeError):  # TypeError: compiled for given signatures only
+    except (TypingError, TypeError):  # TypeError: compiled for fixed signatures
         return False
     return isinstance(slope, tuple) and len(slope) == len(state)

@@ -1,4 +1,4 @@
-"""A tableau as a solver of `scipy.integrate.solve_ivp`, to try the methods on any problem."""
+"""Fixed-step solvers for `scipy.integrate.solve_ivp`, made from a tableau."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from armsim.methods.tableaux import Tableau
 
 
 class _Hermite(DenseOutput):
-    """Cubic polynomial with the values and slopes at the ends of a step."""
+    """Cubic Hermite interpolant of a step."""
 
     def __init__(self, times: list[float], states: list[np.ndarray], slopes: list) -> None:
         super().__init__(*times)
@@ -34,7 +34,7 @@ def fixed_step_solver(
     tableau : Tableau
         The method.
     step_size : float
-        Positive; the last step is shortened to end at the end of the interval.
+        Positive; the last step is shortened to end with the interval.
     form, shift
         As in `armsim.methods.integrate`.
 
@@ -54,7 +54,7 @@ def fixed_step_solver(
     checked_number("step_size", step_size, above=0.0)
 
     class FixedStep(OdeSolver):
-        """Fixed steps with one tableau, between them a cubic Hermite polynomial."""
+        """Fixed-step solver for one tableau, with cubic Hermite dense output."""
 
         t: float
         y: np.ndarray
@@ -72,7 +72,7 @@ def fixed_step_solver(
                 raise ValueError(f"options {sorted(unused)}: a fixed-step solver has none")
             super().__init__(fun, t0, y0, t_bound, vectorized)
             self.taken, self.start, self.y_old = 0, t0, self.y
-            # the last step is shortened; a remainder below rounding is no step of its own
+            # The last step is shortened; a remainder below rounding does not count as a step.
             self.steps = max(int(np.ceil(abs(t_bound - t0) / step_size - 1e-9)), 1)
 
         def _step_impl(self) -> tuple[bool, str | None]:
@@ -80,7 +80,7 @@ def fixed_step_solver(
             end = self.start + self.direction * self.taken * step_size
             end = self.t_bound if self.taken >= self.steps else end
             span = (self.t, end)
-            once = abs(end - self.t) * (1 + 1e-6)  # one step, however it rounds
+            once = abs(end - self.t) * (1 + 1e-6)  # one step despite rounding
             try:
                 run = integrate(self.fun, span, self.y, tableau, once, form, shift=shift)
             except IntegrationError as error:

@@ -1,13 +1,15 @@
-"""Butcher tableaux in exact numbers: the methods of the paper, with its misprints corrected.
+"""Exact Butcher tableaux of the paper's methods, with its misprints corrected.
 
-A tableau is written once, as text, and everything else (nodes, stage count, whether the last
-stage can be reused, floats, compiled code) derives from it.
+Each tableau is written once, as text. Nodes, stage count, reuse of the last stage, floats and
+compiled code are derived from it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 import sympy
@@ -23,7 +25,7 @@ class Tableau:
         Short name, used in messages and legends.
     A : (s, s) array_like of exact numbers
         Strictly lower triangular stage coefficients: integers, fractions, SymPy numbers or
-        strings such as ``"1/4"``. Floats are refused, since they are not exact.
+        strings such as ``"1/4"``. Floats are rejected because they are not exact.
     b : (s,) array_like of exact numbers
         Weights.
     b_embedded : (s,) array_like of exact numbers, optional
@@ -32,7 +34,7 @@ class Tableau:
         Coefficients of the weights of a continuous extension: row i holds those of
         :math:`b_i(\theta) = \sum_k p_{ik} \theta^k`, k = 1 … q.
     reference : str
-        Where the coefficients come from.
+        Source of the coefficients.
 
     Raises
     ------
@@ -49,44 +51,40 @@ class Tableau:
     reference: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        rows = [
-            [_exact(a, f"A[{i}][{j}]") for j, a in enumerate(row)] for i, row in enumerate(self.A)
-        ]
-        s = len(rows)
-        if s == 0:
+        if (s := len(self.A)) == 0:
             raise ValueError(f"tableau {self.name}: A is empty; at least one stage is needed")
-        for i, row in enumerate(rows):
-            if len(row) != s:
+        for label in ("A", "b", "b_embedded", "interpolant"):
+            if (given := getattr(self, label)) is not None:
+                exact = [self._row(label, i, item, s) for i, item in enumerate(given)]
+                self._check_length(label, exact, s)
+                object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
+        for i, j in combinations_with_replacement(range(s), 2):
+            if self.A[i, j] != 0:
                 raise ValueError(
-                    f"tableau {self.name}: row {i} of A has {len(row)} entries; a tableau of "
-                    f"{s} stages needs {s}"
+                    f"tableau {self.name}: A[{i}][{j}] = {self.A[i, j]} makes the method implicit; "
+                    "entries on and above the diagonal must be 0"
                 )
-            for j in range(i, s):
-                if row[j] != 0:
-                    raise ValueError(
-                        f"tableau {self.name}: A[{i}][{j}] = {row[j]} makes the method implicit; "
-                        "entries on and above the diagonal must be 0"
-                    )
-        object.__setattr__(self, "A", sympy.ImmutableDenseNDimArray(rows))
-        for label in ("b", "b_embedded", "interpolant"):
-            if (weights := getattr(self, label)) is None:
-                continue
-            if len(weights) != s:
-                raise ValueError(
-                    f"tableau {self.name}: {label} has {len(weights)} weights; a tableau of "
-                    f"{s} stages needs {s}"
-                )
-            exact = [
-                [_exact(w, f"{label}[{i}]") for w in weight]
-                if label == "interpolant"
-                else _exact(weight, f"{label}[{i}]")
-                for i, weight in enumerate(weights)
-            ]
-            object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
+
+    def _row(self, label: str, i: int, item: Any, s: int) -> Any:
+        """Return a weight, or a row of a matrix, in exact numbers."""
+        where = f"{label}[{i}]"
+        if label not in ("A", "interpolant"):
+            return _exact(item, where)
+        row = [_exact(number, f"{where}[{j}]") for j, number in enumerate(item)]
+        if label == "A":
+            self._check_length(where, row, s)
+        return row
+
+    def _check_length(self, label: str, row: list, s: int) -> None:
+        if len(row) != s:
+            raise ValueError(
+                f"tableau {self.name}: {label} has {len(row)} entries; a tableau of {s} stages "
+                f"needs {s}"
+            )
 
     @cached_property
     def c(self) -> sympy.Array:
-        """Nodes, the row sums of `A`: each stage is consistent with its own time."""
+        """Nodes as the row sums of `A`, so that each stage is consistent with its time."""
         return sympy.ImmutableDenseNDimArray([sympy.expand(sum(row)) for row in self.A])
 
     @property
@@ -101,7 +99,7 @@ class Tableau:
 
     @cached_property
     def evaluated_stages(self) -> tuple[int, ...]:
-        """Stages that a fixed step needs: those that reach the weights `b`."""
+        """Stages needed by a fixed step: those that affect the result through the weights `b`."""
         needed: set[int] = set()
         for i in reversed(range(self.stages)):
             if self.b[i] != 0 or any(self.A[k, i] != 0 for k in needed):
@@ -114,15 +112,15 @@ class Tableau:
         Parameters
         ----------
         product : bool
-            Whether the exponentials of single stages are multiplied, as the paper prints them,
-            instead of taking one of their sum.
+            Whether the exponentials of single terms are multiplied, as printed in the paper,
+            instead of taking one exponential of the sum.
         """
         rows = [*(self.A[i] for i in self.evaluated_stages), self.b]
         counts = [sum(a != 0 for a in row) for row in rows]
         return sum(counts) if product else sum(count > 0 for count in counts)
 
     def floats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,): the one place that rounds."""
+        """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,), rounded only here."""
         A, b, c = (np.array(part.tolist(), dtype=float) for part in (self.A, self.b, self.c))
         return A, b, c
 
@@ -219,5 +217,5 @@ DP5 = Tableau(
     interpolant=_DP_INTERPOLANT,
     reference=_DP_REFERENCE,
 )
-#: The embedded weights of the same pair, which the paper takes for a sixth-order method.
+#: Embedded weights of the same pair, which the paper presents as a sixth-order method.
 DP4 = Tableau("DP4", _DP_ROWS, _DP_FOURTH, reference=_DP_REFERENCE)

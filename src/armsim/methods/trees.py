@@ -1,8 +1,8 @@
 r"""Rooted trees and the order conditions of Runge-Kutta methods, in exact numbers.
 
-A rooted tree is the tuple of the subtrees that hang from its root: ``()`` is the single node τ,
-``((),)`` is [τ] and ``((), ())`` is [τ, τ]. Subtrees stand in descending order, so that equal
-trees are equal tuples.
+A rooted tree is represented by the tuple of the subtrees of its root: ``()`` is the single node τ,
+``((),)`` is [τ] and ``((), ())`` is [τ, τ]. Subtrees are in descending order, so that equal trees
+are equal tuples.
 
 A method has order p if and only if its elementary weight :math:`\Phi(t)` is
 :math:`1/\gamma(t)` for every tree t of up to p nodes (Hairer, Nørsett and Wanner, *Solving
@@ -43,7 +43,7 @@ def rooted_trees(order: int) -> tuple[Tree, ...]:
         raise ValueError(f"order = {order!r}: a rooted tree has a positive integer of nodes")
     if order == 1:
         return ((),)
-    # Cut off the first, greatest subtree; what remains is a smaller tree.
+    # Removing the first and greatest subtree leaves a smaller tree.
     return tuple(
         (branch, *rest)
         for size in range(1, order)
@@ -55,31 +55,31 @@ def rooted_trees(order: int) -> tuple[Tree, ...]:
 
 @cache
 def size(tree: Tree) -> int:
-    """Count the nodes of a tree, its order."""
+    """Number of nodes of a tree, its order."""
     return 1 + sum(map(size, tree))
 
 
 @cache
 def symmetry(tree: Tree) -> int:
-    r"""Count the ways to exchange equal subtrees, :math:`\sigma(t)`."""
+    r"""Number of ways to exchange equal subtrees, :math:`\sigma(t)`."""
     equal = [(branch, len(list(group))) for branch, group in groupby(tree)]
     return prod(factorial(times) * symmetry(branch) ** times for branch, times in equal)
 
 
 @cache
 def density(tree: Tree) -> int:
-    r"""Multiply the sizes of all subtrees, the tree itself included: :math:`\gamma(t)`."""
+    r"""Product of the sizes of all subtrees, including the tree itself, :math:`\gamma(t)`."""
     return size(tree) * prod(map(density, tree))
 
 
 def elementary_weight(tree: Tree, A: Sequence[Sequence[Any]], b: Sequence[Any]) -> Any:
-    r""":math:`\Phi(t)` of a method, in whatever numbers `A` and `b` hold.
+    r"""Elementary weight :math:`\Phi(t)` of a method, in the arithmetic of `A` and `b`.
 
     Parameters
     ----------
     tree : nested tuples
     A : (s, s) nested sequence of numbers
-        Fractions, SymPy numbers, floats, anything that adds and multiplies.
+        Fractions, SymPy numbers, floats or other numbers with addition and multiplication.
     b : (s,) sequence of numbers
 
     Returns
@@ -101,7 +101,7 @@ def _dot(left: Sequence[Any], right: Sequence[Any]) -> Any:
 
 
 def _product(tree: Tree, A: Sequence[Sequence[Any]], known: dict[Tree, list[Any]]) -> list[Any]:
-    """Per stage, the product over the subtrees; `known` keeps those of trees met before."""
+    """Product over the subtrees for each stage; `known` caches the products by tree."""
     if tree not in known:
         branches = [[_dot(row, _product(branch, A, known)) for row in A] for branch in tree]
         known[tree] = [prod(values) for values in zip(*branches, strict=True)] or [1] * len(A)
@@ -126,7 +126,7 @@ class Condition:
 
 
 class _Method:
-    """A tableau in the smallest field that holds it, where zero is decided exactly."""
+    """Tableau over the smallest field that contains it, where tests for zero are exact."""
 
     def __init__(self, tableau: Tableau) -> None:
         s = tableau.stages
@@ -145,7 +145,7 @@ class _Method:
 
 
 def residuals(tableau: Tableau, order: int) -> list[Condition]:
-    """Check every order condition up to `order`, exactly.
+    """Evaluate every order condition up to `order` exactly.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def residuals(tableau: Tableau, order: int) -> list[Condition]:
     ValueError
         If `order` is not a positive integer.
     """
-    rooted_trees(order)  # complains about an impossible order
+    rooted_trees(order)  # raises for an invalid order
     method = _Method(tableau)
     exact = method.field.to_sympy
     return [
@@ -169,7 +169,7 @@ def residuals(tableau: Tableau, order: int) -> list[Condition]:
 
 
 def order(tableau: Tableau) -> int:
-    """Order of a method, exactly: the last order of which every condition holds.
+    """Exact order of a method: the highest order up to which every condition holds.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def order(tableau: Tableau) -> int:
 
 
 def latex(tree: Tree) -> str:
-    r"""Bracket notation of a tree for mathematics mode, such as ``[\tau^{2},[\tau]]``.
+    r"""LaTeX bracket notation of a tree, such as ``[\tau^{2},[\tau]]``.
 
     Examples
     --------
@@ -195,12 +195,12 @@ def latex(tree: Tree) -> str:
 
 
 def layout(tree: Tree) -> tuple[list[tuple[float, float]], list[tuple[int, int]]]:
-    """Positions to draw a tree at: the root at the origin, every leaf in a column of its own.
+    """Positions for drawing a tree, with the root at the origin and each leaf in its own column.
 
     Returns
     -------
     nodes : list of (x, y)
-        The root first, at (0, 0); y is the distance from it, neighbouring leaves are 1 apart.
+        Root first, at (0, 0); y is the distance from the root; neighbouring leaves are 1 apart.
     edges : list of (int, int)
         Indices of parent and child.
     """
