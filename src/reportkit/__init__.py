@@ -1,1 +1,1 @@
-"""A reproducible report: notebooks that record, pages that quote, a check that nothing moved."""
+"""Reproducible reports: notebooks record values, pages quote them, a check finds what changed."""

@@ -1,7 +1,7 @@
-"""Compare what notebooks recorded with what is expected, value by value.
+"""Compare the values that notebooks recorded with the expected ones.
 
 Only recorded values are compared. Tables and the data of figures come from the same computations,
-but some of their columns are rounding errors, which differ from machine to machine.
+but some of their columns are rounding errors, which differ between machines.
 """
 
 import json
@@ -13,7 +13,7 @@ from typing import Any
 from reportkit import text
 from reportkit.text import number
 
-#: Of a float recorded without a tolerance; anything else then has to be equal.
+#: Relative tolerance of a float recorded without one; all other values must then be equal.
 DEFAULT_RELATIVE = 1e-9
 
 Record = Mapping[str, Any]
@@ -46,13 +46,13 @@ class Comparison:
 
     @property
     def moved(self) -> str:
-        """What differs by more than its tolerance: value, unit, tolerance, or nothing."""
+        """Why the records differ: new, missing, unit, tolerance or value; empty if they agree."""
         if self.expected is None or self.got is None:
             return "missing" if self.expected else "new"
         if self.expected["unit"] != self.got["unit"]:
             return "unit"
         if _rule(self.expected) != _rule(self.got):
-            return "tolerance"  # or a notebook could loosen its own test
+            return "tolerance"  # otherwise a notebook could loosen its own test
         return "" if self._agrees(self.expected, self.got) else "value"
 
     def _agrees(self, expected: Record, got: Record) -> bool:
@@ -85,7 +85,7 @@ class Comparison:
 
 
 def compare(study: str, expected: Records, got: Records) -> list[Comparison]:
-    """Pair the records of one study by name: what it recorded, then what it misses."""
+    """Pair the records of one study by name, the missing ones last."""
     return [
         Comparison(study, name, expected.get(name), got.get(name))
         for name in dict.fromkeys([*got, *expected])
@@ -98,7 +98,7 @@ def compare_folders(results: Path, expected: Path) -> list[Comparison]:
     Raises
     ------
     FileNotFoundError
-        If nothing was built.
+        If the folder of results holds none.
     ValueError
         If a file does not hold records.
     """
@@ -113,7 +113,7 @@ def compare_folders(results: Path, expected: Path) -> list[Comparison]:
 
 
 def update(pairs: Sequence[Comparison], expected: Path) -> None:
-    """Make what moved the expectation; what did not keeps its old digits."""
+    """Replace the expected values that differ by more than their tolerance; keep all others."""
     expected.mkdir(parents=True, exist_ok=True)
     for study in dict.fromkeys(pair.study for pair in pairs):
         records = {

@@ -1,4 +1,4 @@
-"""The paper's claims, each tested on recorded values by a criterion that was fixed in advance.
+"""Claims, each tested on recorded values by a criterion fixed in advance.
 
 A claim that passes its tests is confirmed; one that fails them, but passes those of a corrected
 reading, is confirmed with a correction; one that fails both is refuted. A claim may say that it
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
@@ -31,12 +32,12 @@ Records = Mapping[str, Mapping[str, Mapping[str, Any]]]  #: study, name, record
 
 
 class ClaimError(ValueError):
-    """A claim that is not as it has to be, or whose recorded value is missing."""
+    """A claim is malformed, or its recorded value is missing."""
 
 
 @dataclass(frozen=True)
 class Test:
-    """A criterion: how a recorded value has to stand to a number, or to another recorded value.
+    """A criterion that compares a recorded value with a number or with another recorded value.
 
     Parameters
     ----------
@@ -47,11 +48,11 @@ class Test:
     times : float
         Factor of that number or value.
     tolerance : float
-        For `equals`: largest difference.
+        Largest difference allowed by `equals`.
     format : str
-        How the value is written.
+        Format in which the value is printed.
     unit : str, optional
-        Instead of the recorded unit.
+        Unit to print instead of the recorded one.
     """
 
     __test__ = False  # for pytest
@@ -73,7 +74,7 @@ class Test:
 
     @property
     def exact(self) -> bool:
-        """Whether it counts something, so that it has to be equal."""
+        """Whether the value is a count, which must be equal."""
         return isinstance(self.equals, int)
 
     @property
@@ -82,19 +83,19 @@ class Test:
         return next(name for name in _RELATIONS if getattr(self, name) is not None)
 
     def bound(self, records: Records) -> float:
-        """Number that the value is compared with."""
+        """Return the number that the value is compared with."""
         bound = getattr(self, self.relation)
         return self.times * (_number(records, bound) if isinstance(bound, str) else bound)
 
     def passes(self, records: Records) -> bool:
-        """Whether the recorded value fulfils the criterion."""
+        """Return whether the recorded value meets the criterion."""
         value, bound = _number(records, self.value), self.bound(records)
         if self.relation == "equals":
             return abs(value - bound) <= self.tolerance
         return value > bound if self.relation == "above" else value < bound
 
     def row(self, records: Records) -> tuple[str, str, str, str]:
-        """What is wanted, what came out, the difference and the tolerance, as texts."""
+        """Return required value, measured value, difference and tolerance, as texts."""
         value, bound = _number(records, self.value), self.bound(records)
         unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
         unit = "" if unit == "1" else f" {unit}"
@@ -109,24 +110,24 @@ class Test:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper says, and how it is tested.
+    """A statement and its tests.
 
     Parameters
     ----------
     name : str
-        A few words for the figure.
+        Short name for the figure.
     where : str
-        Place in the paper.
+        Place of the statement in its source.
     text : str
-        What it says, in a few words.
+        The statement in a few words.
     page : str
-        Page of the book that shows it.
+        Page of the book that shows the evidence.
     tests : list of Test
-        The claim as printed.
+        Tests of the statement as printed.
     corrected : list of Test
-        A corrected reading.
+        Tests of a corrected reading.
     note : str
-        The correction, the reason, or what was assumed.
+        Correction, reason or assumption.
     untestable : bool
         Whether it cannot be tested; then `note` says why.
     """
@@ -147,7 +148,7 @@ class Claim:
             raise ClaimError(f"{self.name}: the note is missing")
 
     def verdict(self, records: Records) -> str:
-        """One of `VERDICTS`."""
+        """Return one of `VERDICTS`."""
         if self.untestable:
             return UNTESTABLE
         if all(test.passes(records) for test in self.tests):
@@ -163,7 +164,7 @@ def load(path: Path) -> list[Claim]:
     Raises
     ------
     ClaimError
-        If a claim is not as it has to be.
+        If a claim is malformed.
     """
     claims = []
     for table in tomllib.loads(path.read_text(encoding="utf-8"))["claim"]:
@@ -188,11 +189,11 @@ def _number(records: Records, place: str) -> float:
     return float(_record(records, place)["value"])
 
 
-# --- what the book shows ------------------------------------------------------------------------
+# --- what pages include -------------------------------------------------------------------------
 
 
 def table(claims: Iterable[Claim], records: Records) -> str:
-    """Table of the claims and their verdicts, for a page in the folder of the pages."""
+    """Return the table of the claims and their verdicts, for a page in the folder of the pages."""
     rows = []
     for claim in claims:
         verdict = claim.verdict(records)
@@ -220,6 +221,7 @@ def summary(claims: Sequence[Claim], records: Records) -> str:
 _LOOK = {CONFIRMED: (3, "o"), CORRECTED: (0, "D"), REFUTED: (1, "X"), UNTESTABLE: (4, "s")}
 
 
+@mpl.rc_context(figures.STYLE)
 def figure(claims: Sequence[Claim], records: Records) -> Figure:
     """Draw the claims by verdict, one line each in two columns."""
     groups = {name: [c.name for c in claims if c.verdict(records) == name] for name in VERDICTS}
@@ -244,7 +246,6 @@ def figure(claims: Sequence[Claim], records: Records) -> Figure:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``python -m reportkit.claims RESULTS``: write the verdicts beside the results."""
     (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
-    figures.use()
     try:
         claims, records = load(Project.find().claims), load_all(results)
         verdicts = [(claim.name, claim.where, claim.verdict(records)) for claim in claims]
@@ -255,7 +256,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures.save(figure(claims, records), results / "verdicts.svg")
     text.write(results / "verdicts-summary.md", summary(claims, records))
     text.write(results / "verdicts.csv", frame.to_csv(index=False, lineterminator="\n"))
-    text.write(results / "verdicts.md", table(claims, records))  # last: make takes it for all
+    text.write(
+        results / "verdicts.md", table(claims, records)
+    )  # last, because make takes it as the sign that all are there
     return 0
 
 

@@ -1,6 +1,6 @@
 """The command line of a report: list its notebooks, rerun one, check what was built.
 
-What is slow to import is imported by the command that needs it.
+Modules that are slow to import are imported by the command that needs them.
 """
 
 import json
@@ -9,6 +9,7 @@ import signal
 import sys
 import textwrap
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,8 @@ Folder = click.Path(path_type=Path)
 def main(arguments: list[str] | None = None, project: Project | None = None) -> int:
     """Run the command and return its exit code.
 
-    It is 0 if all went well, 1 if a notebook failed or a value moved, 2 if the command makes no
-    sense, 130 after an interruption.
+    The code is 0 for success, 1 if a notebook failed or a value moved, 2 for an invalid command
+    and 130 after an interruption.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
@@ -75,13 +76,9 @@ def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | N
 
 
 def _described(notebook: Notebook) -> dict[str, Any]:
-    names = ("name", "default", "unit", "help", "allowed")
-    items = [
-        {name: getattr(item, name) for name in names} | {"type": item.kind.__name__}
-        for item in notebook.parameters.values()
-    ]
+    items = (asdict(one) | {"type": one.kind.__name__} for one in notebook.parameters.values())
     about = {key: getattr(notebook, key) for key in ("name", "title", "summary")}
-    return about | {"parameters": items}
+    return about | {"parameters": list(items)}
 
 
 def _shown(notebook: Notebook, width: int) -> str:
@@ -158,12 +155,12 @@ def _told(pairs: list[Comparison]) -> str:
 
 
 @commands.command("check")
-@click.option("--update", is_flag=True, help="Expect what was built.")
+@click.option("--update", is_flag=True, help="Take the results as the expected values.")
 @click.option("--results", type=Folder, metavar="DIR", help="Results other than the report's.")
 @click.option("--expected", type=Folder, metavar="DIR", help="Expectations other than its own.")
 @click.pass_obj
 def check_(project: Project, update: bool, results: Path | None, expected: Path | None) -> int:
-    """Tell what moved between the built and the expected."""
+    """Compare the results with the expected values."""
     expected = expected or project.expected
     try:
         pairs = check.compare_folders(results or project.results, expected)

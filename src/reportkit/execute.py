@@ -1,4 +1,4 @@
-"""Execute a notebook so that its results appear all at once, or not at all."""
+"""Execute a notebook so that its results appear all at once or not at all."""
 
 import fcntl
 import os
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import nbformat
 import papermill
@@ -34,9 +35,9 @@ def execute(
 ) -> list[str]:
     """Execute a notebook and put it and the results it writes into a folder.
 
-    What an earlier run of the same notebook left in `results_dir` is replaced only when the new
-    run has succeeded; the executed notebook comes last, for make takes it as the sign that the
-    rest is there. Two runs give the same bytes.
+    Results of an earlier run of the same notebook in `results_dir` are replaced only when the new
+    run has succeeded. The executed notebook comes last, because make takes it as the sign that
+    the rest is there. Two runs give the same bytes.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ def execute(
     Returns
     -------
     list of str
-        What the notebook wrote to its standard error, which is not published.
+        Messages of the notebook on standard error, which are not published.
 
     Raises
     ------
@@ -68,22 +69,22 @@ def execute(
 def executed(
     source: Path, parent: Path, parameters: Mapping[str, Any]
 ) -> Iterator[tuple[Path, list[str]]]:
-    """Execute a notebook into a hidden folder inside `parent`, which goes when the block ends.
+    """Execute a notebook into a hidden folder inside `parent`, removed when the block ends.
 
-    Gives the folder with the executed notebook and its results, to be moved to their place, and
-    what the notebook wrote to its standard error. Raises `NotebookError` as `execute` does.
+    Yields the folder with the executed notebook and its results, to be moved to their place, and
+    the messages of the notebook on standard error. Raises `NotebookError` as `execute` does.
     """
     with _scratch(parent.resolve(), source.stem) as scratch:
         new = scratch / "results"
         new.mkdir()
         variables = {
             RESULTS_VARIABLE: str(new),
-            "IPYTHONDIR": str(scratch),  # no start-up files or history of the user's own
-            "JUPYTER_PREFER_ENV_PATH": "1",  # python3 means the Python that runs this
+            "IPYTHONDIR": str(scratch),  # without start-up files or history of the user
+            "JUPYTER_PREFER_ENV_PATH": "1",  # the kernel python3 is the Python that runs this
             "PYTHONHASHSEED": "0",
             "OPENBLAS_NUM_THREADS": "1",  # the matrices are small, and another notebook may run
         }
-        with _environment(variables):
+        with patch.dict(os.environ, variables):
             notebook = _run(source, dict(parameters), scratch)
         complaints = _tidy(notebook)
         nbformat.write(notebook, new / source.name)
@@ -92,16 +93,16 @@ def executed(
 
 @contextmanager
 def locked(folder: Path, wait: bool = True) -> Iterator[None]:
-    """Hold a folder, until the block ends or the process dies, against others who ask for it.
+    """Lock a folder against other processes until the block ends or this process dies.
 
     Raises
     ------
     OSError
-        If another process holds it and `wait` is false.
+        If another process has locked it and `wait` is false.
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
-        with suppress(OSError) if wait else nullcontext():  # a file system without locks
+        with suppress(OSError) if wait else nullcontext():  # some file systems have no locks
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         yield
     finally:
@@ -110,10 +111,10 @@ def locked(folder: Path, wait: bool = True) -> Iterator[None]:
 
 @contextmanager
 def _scratch(parent: Path, stem: str) -> Iterator[Path]:
-    """Make a hidden folder; one that a killed process left is removed by the next."""
+    """Make a hidden folder, and remove those that killed processes have left."""
     parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        with locked(parent):  # nobody sees a new folder that is not yet held
+        with locked(parent):  # so that no process sees a new folder that is not yet locked
             for left in filter(lambda path: _SCRATCH.fullmatch(path.name), parent.iterdir()):
                 with suppress(OSError), locked(left, wait=False):
                     shutil.rmtree(left, ignore_errors=True)
@@ -130,7 +131,7 @@ def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.Not
         notebook = nbformat.read(source, as_version=4)
     except nbformat.reader.NotJSONError as error:
         raise NotebookError(f"{source} is not a notebook: {error}") from None
-    # whatever kernel its author used
+    # whatever kernel the author used
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     notebook.metadata["kernelspec"] = kernel
     try:
@@ -138,9 +139,11 @@ def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.Not
             notebook,
             None,
             parameters,
-            cwd=folder,  # where a file of the user's cannot stand in for a module
+            cwd=folder,  # no file of the user is imported instead of a module
             progress_bar={"leave": False} if sys.stderr.isatty() else False,
-            extra_arguments=["--log-level=CRITICAL"],  # of the kernel's own log, not the notebook's
+            extra_arguments=[
+                "--log-level=CRITICAL"
+            ],  # the kernel's own log, not the notebook's output
         )
     except PapermillExecutionError as error:
         raise NotebookError(_explain(source, error)) from None
@@ -159,7 +162,7 @@ def _explain(source: Path, error: PapermillExecutionError) -> str:
 
 
 def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
-    """Remove times, random numbers and complaints, and move alt texts to where MyST reads them."""
+    """Remove times, random ids and messages; move alt texts to where MyST-NB reads them."""
     complaints = []
     notebook.metadata.pop("papermill", None)
     for number, cell in enumerate(notebook.cells):
@@ -182,25 +185,16 @@ def _publish(new: Path, results_dir: Path, stem: str) -> None:
         path.replace(results_dir / path.name)
 
 
-@contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    before = os.environ.copy()
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; give the exit code."""
+    """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; return the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if len(arguments) != 2:
         print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
         return 2
     source, results_dir = arguments
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children with it
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # the signal by which make ends its children
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
     try:

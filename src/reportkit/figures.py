@@ -1,8 +1,8 @@
-"""One style for all figures of the book.
+"""One style for all figures of a report, from ``report.mplstyle``.
 
-The colours are those of Okabe and Ito, moved apart in lightness to differ in grey as well.
-Each has a contrast of at least 3 on white, and on the dark page, where the book shows a figure
-through ``filter: invert(1) hue-rotate(180deg)``.
+The colours are those of Okabe and Ito, with their lightness changed so that they differ in grey as
+well. Each has a contrast of at least 3 on white, and also on the dark page, where the book shows a
+figure through ``filter: invert(1) hue-rotate(180deg)``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,6 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from cycler import cycler
 from IPython.core.getipython import get_ipython
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
@@ -21,41 +20,15 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
-INK = "#3a3a3a"
-FAINT = "#8a8a8a"
-PALETTE = ("#0067a8", "#e17a00", "#2d1160", "#00553c", "#c25a96")
-DASHES: tuple[Any, ...] = (
-    "-", (0, (5, 1.6)), (0, (1.2, 1.3)), (0, (7, 1.5, 1.2, 1.5)), (0, (6, 1.3, 1.2, 1.3, 1.2, 1.3))
-)  # fmt: skip
+STYLE: dict[Any, Any] = dict(mpl.rc_params_from_file(
+    Path(__file__).with_name("report.mplstyle"), use_default_template=False
+))  # fmt: skip
+INK, FAINT = STYLE["text.color"], STYLE["grid.color"]
+PALETTE, DASHES = (
+    tuple(STYLE["axes.prop_cycle"].by_key()[name]) for name in ("color", "linestyle")
+)
 MARKERS = ("o", "s", "^", "D", "v")
-WIDTH = 6.2  # inches: 595 px in a browser, so 11 pt are 8.4 px on a screen 340 px wide
-
-INKED = ("axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "text.color", "xtick.color",
-         "ytick.color")  # fmt: skip
-STYLE: dict[Any, Any] = dict.fromkeys(INKED, INK) | {
-    "axes.facecolor": "none",
-    "axes.grid": True,
-    "axes.grid.axis": "y",
-    "axes.linewidth": 0.8,
-    "axes.prop_cycle": cycler(color=PALETTE) + cycler(linestyle=DASHES),
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": "medium",
-    "figure.constrained_layout.use": True,
-    "figure.facecolor": "none",
-    "figure.figsize": (WIDTH, 3.0),
-    "font.family": "DejaVu Sans",
-    "font.size": 11,
-    "grid.alpha": 0.3,
-    "grid.color": FAINT,
-    "legend.frameon": False,
-    "legend.handlelength": 2.8,
-    "lines.linewidth": 1.8,
-    "mathtext.fontset": "dejavusans",
-    "svg.fonttype": "path",
-    "svg.hashsalt": "report",
-}
+WIDTH = STYLE["figure.figsize"][0]
 
 
 def use() -> None:
@@ -73,7 +46,7 @@ def stack(
     Parameters
     ----------
     quantities
-        One label for each axes, as ``"velocity / (m/s)"``; it takes no width, standing above.
+        One label for each axes, as ``"velocity / (m/s)"``, written above it.
     x
         Label of the shared horizontal axis.
     height
@@ -104,9 +77,9 @@ def family(
     curves : mapping of name to ordinates
         The name is the curve's label.
     looks : mapping of name to properties of a line, optional
-        Of a curve that is not among them the cycle of the style decides.
+        The cycle of the style decides for a curve without an entry.
     **style
-        Properties of all lines, over which those of a curve win.
+        Properties of all lines; those of a curve take precedence.
     """
     pen: dict[str, Any] = {"ms": 4, "lw": 1.2} | style
     return [

@@ -37,9 +37,9 @@ def render(
     Parameters
     ----------
     notebook, executed
-        What the source says of itself, and the notebook with its outputs.
+        The description read from the source, and the notebook with its outputs.
     parameters
-        The values that were given.
+        The values given by the user.
     comparisons
         The recorded values beside the published ones; may be empty.
     started

@@ -9,7 +9,7 @@ lines above::
     fit = "ndp"  # column of Table 5; ndp | rk6
     record = ""  # measured motion, empty for the published one; path
 
-For a number the unit comes first (1 if it has none), then what it is, then what is allowed:
+For a number the unit comes first (1 if it has none), then the meaning, then the allowed range:
 ``LOW to HIGH``, ``above LOW``, ``at least LOW`` or ``A | B``; for a list the same after ``each``,
 with the number of values before it if that matters. A bool needs only the help text.
 """
@@ -39,12 +39,12 @@ _KINDS: dict[type, tuple[str, str]] = {
 
 
 class ParameterError(ValueError):
-    """A notebook or parameter that is not there, or not as it has to be, told in one line."""
+    """A notebook or parameter is missing or invalid; the message is one line."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One variable of the cell tagged ``parameters``, and what it may be.
+    """One variable of the cell tagged ``parameters``, and its allowed values.
 
     `allowed` is the range as it stands in the comment; `kind` is the type of the value, or of
     each value where the default is a list.
@@ -83,7 +83,7 @@ class Parameter:
 
     @property
     def wanted(self) -> str:
-        """What the parameter may be, in words."""
+        """The allowed values in words."""
         one, many = _KINDS[self.kind]
         text = "a file" if self.is_path else one
         if isinstance(self.default, list):
@@ -109,7 +109,7 @@ class Parameter:
         return self.check(value)
 
     def check(self, value: Any) -> Any:
-        """Return a value as the notebook gets it, an integer as float where one is expected.
+        """Return a value as the notebook receives it: an integer as a float if need be.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Notebook:
-    """What the source of a notebook says of itself."""
+    """Description of a notebook, read from its source."""
 
     path: Path
     title: str
@@ -183,7 +183,7 @@ class Notebook:
         return self.path.stem
 
     def values(self, texts: Iterable[tuple[str, str]], table: Mapping[str, Any]) -> dict[str, Any]:
-        """Check parameters given as texts and as a table, over which the texts win.
+        """Check parameters given as texts and as a table; the texts take precedence.
 
         Raises
         ------
@@ -211,7 +211,7 @@ def read(path: Path) -> Notebook:
     Raises
     ------
     ParameterError
-        If it is no notebook, or the comment of a parameter is missing or malformed.
+        If the file is not a notebook, or the comment of a parameter is missing or malformed.
     """
     try:
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
@@ -233,12 +233,12 @@ def read(path: Path) -> Notebook:
 
 
 def find(name: str, folder: Path) -> Notebook:
-    """Read the notebook with this name; its number or its topic alone will do.
+    """Read the notebook with this name, or with this number or topic alone.
 
     Raises
     ------
     ParameterError
-        If there is none, with the nearest known one.
+        If there is none; the message suggests the nearest name.
     """
     paths = sources(folder)
     short = Path(name).name.removesuffix(".ipynb")

@@ -12,9 +12,9 @@ from pypdf.generic import NameObject, TextStringObject
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 MARGIN = PdfMargins(top="17mm", bottom="17mm", left="18mm", right="18mm")
-#: Headings in the order of the outline; a formula among the words is taken from its MathML.
-HEADINGS = """() => [...document.querySelectorAll('article :is(h1, h2, h3, h4, h5, h6)')]
-.map(heading => {
+#: Printed headings in the order of the outline; a formula among the words is taken from its MathML.
+HEADINGS = """() => [...document.querySelectorAll('h1, h2, h3, h4, h5, h6')]
+.filter(heading => heading.checkVisibility()).map(heading => {
   const copy = heading.cloneNode(true);
   copy.querySelectorAll('.headerlink, svg').forEach(part => part.remove());
   return copy.textContent.replace(/\\s+/g, ' ').trim();
@@ -24,17 +24,16 @@ FOOTER = '<div style="font: 8px sans-serif; margin: auto"><span class="pageNumbe
 
 
 def browser() -> str:
-    """Path of the browser.
+    """Return the path of the browser.
 
     Raises
     ------
     FileNotFoundError
         If there is none.
     """
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        raise FileNotFoundError(f"no browser to print with: one of {', '.join(BROWSERS)} is needed")
-    return found
+    for path in filter(None, map(shutil.which, BROWSERS)):
+        return path
+    raise FileNotFoundError(f"no browser to print with: one of {', '.join(BROWSERS)} is needed")
 
 
 def print_page(page: Path, pdf: Path) -> None:
@@ -50,6 +49,7 @@ def print_page(page: Path, pdf: Path) -> None:
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=browser(), args=["--no-sandbox"])
         tab = chromium.new_page(color_scheme="light")
+        tab.emulate_media(media="print")
         tab.goto(page.resolve().as_uri())
         tab.evaluate("() => window.MathJax?.startup?.promise")
         headings = tab.evaluate(HEADINGS)
@@ -69,25 +69,20 @@ def print_page(page: Path, pdf: Path) -> None:
 def entitle(writer: PdfWriter, headings: list[str]) -> None:
     """Name the entries of the outline by the headings.
 
-    Chromium names one twice where a page ends before it, and leaves formulas out.
+    Chromium repeats a name where a page ends before the heading, and leaves formulas out.
 
     Raises
     ------
     ValueError
-        If there are not as many headings as entries.
+        If the numbers of headings and entries differ.
     """
-    entries = list(_entries(writer.root_object["/Outlines"].get_object()))
-    for entry, heading in zip(entries, headings, strict=True):
-        entry[NameObject("/Title")] = TextStringObject(heading)
+    for entry, heading in zip(_entries(writer.outline), headings, strict=True):
+        entry.node[NameObject("/Title")] = TextStringObject(heading)
 
 
-def _entries(parent: Any) -> Iterator[Any]:
-    entry = parent.get("/First")
-    while entry is not None:
-        found = entry.get_object()
-        yield found
-        yield from _entries(found)
-        entry = found.get("/Next")
+def _entries(outline: list[Any]) -> Iterator[Any]:
+    for entry in outline:
+        yield from _entries(entry) if isinstance(entry, list) else [entry]
 
 
 def main(arguments: list[str] | None = None) -> int:

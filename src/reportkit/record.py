@@ -17,7 +17,7 @@ from myst_nb import glue
 
 from reportkit import figures, text
 
-#: Set by the build to a folder that replaces the published results only when all went well.
+#: Environment variable with the folder of the results, set by the build.
 RESULTS_VARIABLE = "REPORT_RESULTS"
 
 Value = float | int | str | bool
@@ -83,7 +83,7 @@ class Study:
         relative : float, optional
             Instead of `tolerance`, the largest difference as a share of the value.
         compared : bool, optional
-            False for what measures time, which no rebuild repeats.
+            False for a measured time, which no rebuild repeats.
 
         Raises
         ------
@@ -135,9 +135,9 @@ class Study:
         fig : matplotlib.figure.Figure
             The figure; its background becomes transparent.
         data : mapping of column name to 1-D array, or DataFrame, optional
-            What the figure shows, saved beside it as CSV. Shorter columns end in blanks.
+            The plotted data, saved beside the figure as CSV. Shorter columns end in blanks.
         alt : str, optional
-            What to say of the figure to who cannot see it, on the page of the notebook itself.
+            Description for readers who cannot see the figure, on the page of the notebook itself.
         """
         path = self._new(key, "svg")
         figures.save(fig, path)
@@ -161,7 +161,7 @@ class Study:
         key : str
             Named like a record; once per study.
         rows : DataFrame, or iterable of mappings or of sequences
-            Cells are texts as they shall appear, mathematics included. The index is left out.
+            Cells, as they are to appear, mathematics included. The index is left out.
             A column most of whose cells are numbers is set flush right.
         columns : sequence of str, optional
             Headings, if the rows are sequences.
@@ -186,7 +186,7 @@ class Study:
         display(Markdown(table))
 
     def data(self, key: str, frame: pd.DataFrame) -> None:
-        """Save what no figure shows, such as raw measurements, as ``<results>/<study>-<key>.csv``.
+        """Save data without a figure, such as raw measurements, as ``<results>/<study>-<key>.csv``.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class Study:
 
 
 def scientific(value: float, digits: int = 1) -> str:
-    r"""Text of a number for a table, such as ``$6.9 \cdot 10^{-2}$``, which never breaks in two."""
+    r"""Return a number as ``$6.9 \cdot 10^{-2}$``, which never breaks across lines."""
     mantissa, exponent = f"{value:.{digits}e}".split("e")
     return f"${mantissa} \\cdot 10^{{{int(exponent)}}}$"
 

@@ -79,7 +79,7 @@ def _row(pair: Comparison) -> list[Any]:
 
 
 def _write_csv(path: Path, heading: list[str], rows: Iterable[list[Any]]) -> None:
-    # of type object, for each number to keep all its digits
+    # dtype object keeps all digits of each number
     pd.DataFrame(rows, columns=heading, dtype=object).to_csv(path, index=False)
 
 

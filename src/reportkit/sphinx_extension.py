@@ -1,7 +1,4 @@
-"""What the book adds to Sphinx: links from figures to their data, and a list of references.
-
-The list is one that a screen reader can read out.
-"""
+"""Links from figures to their data, and a list of references for screen readers."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +10,7 @@ from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
 
 
 def link_data(app: Sphinx, doctree: nodes.document) -> None:
-    """Append to the caption of ``NN_topic-key.svg`` a link to ``NN_topic-key.csv``, if that is."""
+    """Append to the caption of ``NN_topic-key.svg`` a link to ``NN_topic-key.csv``, if any."""
     page = Path(app.srcdir, app.env.docname)
     for figure in doctree.findall(nodes.figure):
         for image, caption in zip(
@@ -21,7 +18,7 @@ def link_data(app: Sphinx, doctree: nodes.document) -> None:
         ):
             uri = image["uri"]
             data = Path(uri).with_suffix(".csv")
-            # when the page is read, the paths are still relative to it
+            # at this stage paths are still relative to the page
             if uri.endswith(".svg") and (page.parent / data).is_file():
                 link = addnodes.download_reference(
                     "", "", nodes.Text("Data (CSV)"), reftarget=data.as_posix()
@@ -30,14 +27,14 @@ def link_data(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
-    """Begin a reference as an item of a list; the role that docutils gives it is deprecated."""
+    """Begin a reference as a list item; the ARIA role that docutils gives it is deprecated."""
     if not isinstance(node.previous_sibling(), nodes.citation):
         self.body.append('<div role="list" class="citation-list">\n')
     self.body.append(self.starttag(node, "div", CLASS="citation", role="listitem"))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx; to links before it collects the images and the files to download."""
+    """Connect to Sphinx, before it collects the images and the files to download."""
     app.add_node(
         nodes.citation, override=True, html=(visit_citation, HTMLTranslator.depart_citation)
     )

@@ -1,4 +1,4 @@
-"""Processor time of functions, measured so that the comparison is one of the functions."""
+"""Processor times of functions, measured so that they can be compared."""
 
 import gc
 import os
@@ -22,7 +22,7 @@ CLOCKS: dict[str, Clock] = {"process_time": time.process_time, "thread_time": ti
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds that each of some functions took, again and again; see `measure`."""
+    """Repeated measurements of the processor time of some functions; see `measure`."""
 
     names: tuple[str, ...]
     seconds: np.ndarray  #: (repetitions, functions), of one call
@@ -71,10 +71,10 @@ def measure(
     warm_up: bool = True,
     progress: Callable[[int], object] = lambda _: None,
 ) -> Timing:
-    """Measure the processor time of functions in turn, so that a drift of the machine hits all.
+    """Measure the processor time of functions in turn, so that a drift of the machine affects all.
 
     Every function is first called once without being measured. Then each repetition goes through
-    all of them, in an order of its own, and calls each as often as a measurement needs to last
+    all of them in a random order, and calls each as often as a measurement needs to last
     `shortest` and `RESOLUTIONS` times the resolution of the clock. Garbage is collected between
     repetitions.
 
@@ -87,9 +87,9 @@ def measure(
     shortest : float
         s, least duration of a measurement.
     seed : int
-        Of the order within the repetitions.
+        Seed of the order within the repetitions.
     clocks : mapping of name to clock
-        Of which the finest is taken; the first, unless another is more than twice as fine.
+        The first is taken unless another is more than twice as fine; then the finest.
     warm_up : bool
         False if the functions have been called already.
     progress : callable, optional
@@ -120,7 +120,7 @@ def measure(
     random, collecting = np.random.default_rng(seed), gc.isenabled()
     for function in todo if warm_up else ():
         function()
-    gc.freeze()  # what is there already is not looked through again and again
+    gc.freeze()  # existing objects are not searched in every collection
     try:
         for n in range(repetitions):
             gc.collect()
@@ -138,7 +138,7 @@ def measure(
 
 
 def resolution(clock: Clock, samples: int = 100) -> float:
-    """Typical smallest difference in s between two readings of a clock that are not equal."""
+    """Return the median difference in s between successive unequal readings of a clock."""
     steps = np.empty(samples)
     for n in range(samples):
         now = before = clock()
@@ -149,7 +149,7 @@ def resolution(clock: Clock, samples: int = 100) -> float:
 
 
 def spent() -> float:
-    """Seconds of processor time so far, of this process and of its children that have ended."""
+    """Return the processor time in s so far, of this process and its children that have ended."""
     return sum(os.times()[:4])
 
 
@@ -169,7 +169,7 @@ def computer() -> str:
 def machine(
     packages: Sequence[str] = ("numpy", "numba", "scipy", "scikit-sundae"),
 ) -> pd.DataFrame:
-    """Return what the times were measured on, as a table of one row.
+    """Return computer, software and load as a table of one row.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def machine(
 def _long_enough(
     function: Callable[[], object], count: int, clock: Clock, least: float
 ) -> tuple[int, float]:
-    """Call a function `count` times, or twice as often until it takes long enough."""
+    """Call a function `count` times, and double this until the calls take long enough."""
     while True:
         begin = clock()
         for _ in range(count):
