@@ -151,6 +151,7 @@ def test_notebooks_that_measure_run_alone_after_all_others(tree):
     for name in ("10_one", "30_three", "40_four"):
         tree.write(f"notebooks/{name}.ipynb", "timing = measure(functions)\n")
     tree.write("notebooks/50_five.ipynb", "we measure it; unmeasure(this)\n")
+    tree.touch("notebooks/20_two.ipynb")
     tree.make("book", "--jobs=4")
     steps = (tree.root / "log").read_text().split()
     order = [step for step in steps if "0_" in step]

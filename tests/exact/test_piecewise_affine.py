@@ -148,8 +148,8 @@ def rounding_bound(run, A, b, z, t):
     the Taylor series. So the error is ∫ exp(A (t - s)) E z(s) ds, of which each factor is at most
     its largest value. In 12 000 random systems no error was more than 0.54 of this.
     """
-    by_modes = run.record.label[:, 2].any()
-    kappa = np.linalg.cond(np.linalg.eig(A).eigenvectors) if by_modes else 1.0
+    modes = run.record.matrices.modes[0]
+    kappa = np.linalg.cond(np.linalg.eig(A).eigenvectors) if modes > 0 else 1.0
     times = np.linspace(0, t, 9)
     growth = max(np.linalg.norm(expm(A * s), 2) for s in times)
     size = max(np.linalg.norm(exact(A, b, z, s)) for s in times)
