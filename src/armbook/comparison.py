@@ -14,6 +14,7 @@ from armbook.problems import Problem, Solve
 from armsim.methods import IntegrationError, tableaux
 from armsim.methods.tableaux import Tableau
 from armsim.paper import PRINTED
+from reportkit.timing import Timing
 
 #: Methods that are run in the exponential forms as well.
 EXPONENTIAL = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
@@ -112,3 +113,31 @@ def reasons(failures: pd.DataFrame) -> list[list[str]]:
          f"{part['setting'].min():g} to {part['setting'].max():g}", reason]
         for (method, reason), part in alike.groupby(["method", "reason"], sort=False)
     ]  # fmt: skip
+
+
+def cpu_change(timing: Timing, new: str, prior: str) -> np.ndarray:
+    """Return the paper's metric, |CPU new - CPU prior| / CPU prior in per cent: quartiles, median.
+
+    In the order of `Timing.quartiles`, over the repetitions.
+    """
+    change = 100 * np.abs(timing.of(new) / timing.of(prior) - 1)
+    return np.quantile(change, [0.25, 0.5, 0.75])
+
+
+def step_size_for(target: float, step_sizes: np.ndarray, errors: np.ndarray) -> float:
+    """Step size with which an error is met, read off between two steps on logarithmic scales.
+
+    Parameters
+    ----------
+    target : float
+        The error.
+    step_sizes, errors : (n,) arrays
+        Both falling.
+
+    Returns
+    -------
+    float
+        NaN if the error is not between the largest and the smallest.
+    """
+    error, step = np.log(errors[::-1]), np.log(step_sizes[::-1])
+    return float(np.exp(np.interp(np.log(target), error, step, left=np.nan, right=np.nan)))
