@@ -12,12 +12,14 @@ from armbook import styles
 from armbook.peers import fixed, peers
 from armbook.problems import Problem, Solve
 from armsim.methods import IntegrationError, tableaux
+from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
 from armsim.paper import PRINTED
 from reportkit.timing import Timing
 
 #: Methods that are run in the exponential forms as well.
 EXPONENTIAL = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
+FORMS: tuple[Form, ...] = ("exponential", "as printed")
 
 
 class Candidate(NamedTuple):
@@ -27,7 +29,7 @@ class Candidate(NamedTuple):
     setting: float  #: step size in s or relative tolerance
     solve: Solve | None  #: None if it is not installed
     tableau: Tableau | None = None  #: of a method with fixed steps
-    exponentials: int = 0  #: for each state in a step
+    exponentials: int = 0  #: for each state in a step; counted for the shifted origin only
 
 
 def candidates(
@@ -42,15 +44,11 @@ def candidates(
         for method in (*styles.METHODS, *PRINTED.values()):
             yield Candidate(method.name, h, fixed(method, h), method)
         for method in EXPONENTIAL:
-            solve = fixed(method, h, "exponential", 10 * problem.size)
-            name = f"{method.name}, exponential, shifted"
-            yield Candidate(name, h, solve, method, method.exponentials())
-        for method in EXPONENTIAL:
-            solve, name = fixed(method, h, "exponential"), f"{method.name}, exponential form"
-            yield Candidate(name, h, solve, method, method.exponentials())
-        for method in EXPONENTIAL:
-            solve = fixed(method, h, "as printed")
-            yield Candidate(f"{method.name}, as printed form", h, solve, method)
+            name, solve = "exponential, shifted", fixed(method, h, "exponential", 10 * problem.size)
+            yield Candidate(f"{method.name}, {name}", h, solve, method, method.exponentials())
+        for form in FORMS:
+            for method in EXPONENTIAL:
+                yield Candidate(f"{method.name}, {form} form", h, fixed(method, h, form), method)
     for tolerance in tolerances:
         for name, peer in peers(tolerance, tolerance * problem.size).items():
             yield Candidate(name, tolerance, peer)
