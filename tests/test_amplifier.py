@@ -40,7 +40,8 @@ def test_the_spectrum_is_odd_with_its_peak_near_13_terahertz():
 
 
 def test_the_spectrum_is_the_sine_transform_of_the_response():
-    position, strength, gauss, lorentz = (_MODES * [2, 1, 1, 1]).T * 100 * np.pi * c * 1e-12
+    position, strength, gauss, lorentz = _MODES * 100 * np.pi * c * 1e-12
+    position = 2 * position
     strength = strength / (100 * np.pi * c * 1e-12)
 
     def response(t):
@@ -74,7 +75,7 @@ def test_every_digit_of_the_modes_of_silica():
         30.33,
         53.33,
     ]
-    assert _MODES.T.tolist() == [position, strength, gauss, lorentz]
+    assert _MODES.tolist() == [position, strength, gauss, lorentz]
 
 
 def test_gain_and_loss_are_those_of_a_standard_fibre():
@@ -261,9 +262,9 @@ def test_sections_of_the_average_power_method():
     )
 
 
-def test_a_breakdown_is_an_infinite_error():
+def test_a_breakdown_has_no_error():
     strong = AMPLIFIER.scaled(1e6)
-    assert strong.error(strong.run(tableaux.EULER, "additive", 64)[:, -1]) == np.inf
+    assert np.isnan(strong.error(strong.run(tableaux.EULER, "additive", 64)[:, -1]))
 
 
 def test_scaling_multiplies_every_power():

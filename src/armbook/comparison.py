@@ -12,11 +12,14 @@ from armbook import styles
 from armbook.peers import fixed, peers
 from armbook.problems import Problem, Solve
 from armsim.methods import IntegrationError, tableaux
+from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
 from armsim.paper import PRINTED
+from reportkit.timing import Timing
 
 #: Methods that are run in the exponential forms as well.
 EXPONENTIAL = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
+FORMS: tuple[Form, ...] = ("exponential", "as printed")
 
 
 class Candidate(NamedTuple):
@@ -26,7 +29,7 @@ class Candidate(NamedTuple):
     setting: float  #: step size in s or relative tolerance
     solve: Solve | None  #: None if it is not installed
     tableau: Tableau | None = None  #: of a method with fixed steps
-    exponentials: int = 0  #: for each state in a step
+    exponentials: int = 0  #: for each state in a step; counted for the shifted origin only
 
 
 def candidates(
@@ -41,15 +44,11 @@ def candidates(
         for method in (*styles.METHODS, *PRINTED.values()):
             yield Candidate(method.name, h, fixed(method, h), method)
         for method in EXPONENTIAL:
-            solve = fixed(method, h, "exponential", 10 * problem.size)
-            name = f"{method.name}, exponential, shifted"
-            yield Candidate(name, h, solve, method, method.exponentials())
-        for method in EXPONENTIAL:
-            solve, name = fixed(method, h, "exponential"), f"{method.name}, exponential form"
-            yield Candidate(name, h, solve, method, method.exponentials())
-        for method in EXPONENTIAL:
-            solve = fixed(method, h, "as printed")
-            yield Candidate(f"{method.name}, as printed form", h, solve, method)
+            name, solve = "exponential, shifted", fixed(method, h, "exponential", 10 * problem.size)
+            yield Candidate(f"{method.name}, {name}", h, solve, method, method.exponentials())
+        for form in FORMS:
+            for method in EXPONENTIAL:
+                yield Candidate(f"{method.name}, {form} form", h, fixed(method, h, form), method)
     for tolerance in tolerances:
         for name, peer in peers(tolerance, tolerance * problem.size).items():
             yield Candidate(name, tolerance, peer)
@@ -112,3 +111,31 @@ def reasons(failures: pd.DataFrame) -> list[list[str]]:
          f"{part['setting'].min():g} to {part['setting'].max():g}", reason]
         for (method, reason), part in alike.groupby(["method", "reason"], sort=False)
     ]  # fmt: skip
+
+
+def cpu_change(timing: Timing, new: str, prior: str) -> np.ndarray:
+    """Return the paper's metric, |CPU new - CPU prior| / CPU prior in per cent: quartiles, median.
+
+    In the order of `Timing.quartiles`, over the repetitions.
+    """
+    change = 100 * np.abs(timing.of(new) / timing.of(prior) - 1)
+    return np.quantile(change, [0.25, 0.5, 0.75])
+
+
+def step_size_for(target: float, step_sizes: np.ndarray, errors: np.ndarray) -> float:
+    """Step size with which an error is met, read off between two steps on logarithmic scales.
+
+    Parameters
+    ----------
+    target : float
+        The error.
+    step_sizes, errors : (n,) arrays
+        Both falling.
+
+    Returns
+    -------
+    float
+        NaN if the error is not between the largest and the smallest.
+    """
+    error, step = np.log(errors[::-1]), np.log(step_sizes[::-1])
+    return float(np.exp(np.interp(np.log(target), error, step, left=np.nan, right=np.nan)))

@@ -5,6 +5,7 @@ the same compiled right-hand side and is asked for states at the same times.
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from armsim.arm import AxisParameters, LinearAxis, SlaveControl, Trajectory, simulate
+from armsim.arm import AxisParameters, LinearAxis, Trajectory, simulate
 from armsim.arm.dynamics import constants, derivative, region_number, region_of_number, rhs
 from armsim.arm.slave_control import MEMORY, put_out
 from armsim.machine_code import kept
@@ -52,12 +53,12 @@ class Equations:
 
     def counting(self) -> "Equations":
         """Return a copy that counts every evaluation, those for Jacobians included."""
-        copy = Equations.__new__(Equations)
-        copy.flow, copy.fixed, copy.count = self.flow, self.fixed, 0
+        counter = copy(self)
+        counter.count = 0
 
         def one_more() -> None:
-            copy.count += 1
-            if copy.count > MAX_EVALUATIONS:
+            counter.count += 1
+            if counter.count > MAX_EVALUATIONS:
                 raise IntegrationError(f"more than {MAX_EVALUATIONS} evaluations")
 
         def slope(t: float, y: np.ndarray, *args: Any) -> np.ndarray:
@@ -65,11 +66,11 @@ class Equations:
             return self.slope(t, y, *args)
 
         def fill(t: float, y: np.ndarray, out: np.ndarray, args: tuple) -> None:
-            one_more()
+            one_more()  # CVODE wants these four arguments by their number
             self.fill(t, y, out, args)
 
-        copy.slope, copy.fill = slope, fill
-        return copy
+        counter.slope, counter.fill = slope, fill
+        return counter
 
 
 #: ``solve(equations, times, y0, args)`` gives times (k,) and states (n, k), the last at times[-1].
@@ -82,33 +83,28 @@ class Problem:
 
     equations: Equations
     y0: np.ndarray
-    legs: tuple[tuple[np.ndarray, tuple], ...]  #: times, first to last; arguments after the input
+    legs: tuple[tuple[np.ndarray, tuple], ...]  #: times, first to last; arguments after t and y
     exact: Callable[[np.ndarray], np.ndarray]
     size: np.ndarray  #: largest value of each state
     scale: np.ndarray  #: largest value of each component that is compared
     outputs: Callable[[np.ndarray], np.ndarray] = field(default=lambda y: y)  #: what is compared
-    set_velocity: float | None = None  #: V; None if the equations do not take one
-    control: SlaveControl | None = None  #: its outputs are computed from the solver's own states
-    t_end: float = 0.0
-    r_g: float = 0.0  #: m, with which the control reads the position
+    controlled: Trajectory | None = None  #: whose control puts out what the equations take first
 
     def run(
         self, solve: Solve, equations: Equations | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Times (k,) and states (n, k) that a solver finds, leg after leg."""
-        equations = equations or self.equations
-        t, states, y, sample = [], [], self.y0, 0
-        volts = self.set_velocity
-        memory, track, outputs, law = np.zeros(MEMORY), np.empty((0, 2)), np.empty(0), None
-        if self.control is not None:
-            starts, track = self.control.samples(self.t_end)
-            outputs, law = np.zeros(starts.size), self.control.law
+        t, states, y, sample, starts = [], [], self.y0, 0, np.empty(0)
+        volts: tuple[float, ...] = ()
+        if self.controlled is not None and (control := self.controlled.control) is not None:
+            starts, track = control.samples(self.legs[-1][0][-1])
+            memory, outputs, law = np.zeros(MEMORY), np.zeros(starts.size), control.law
+            r_g = self.controlled.parameters.r_g
         for times, more in self.legs:
-            while law is not None and sample < outputs.size and times[0] >= starts[sample] - 1e-12:
-                volts = float(put_out(sample, y[2], self.r_g, track, law, memory, outputs))
+            while sample < starts.size and times[0] >= starts[sample] - 1e-12:
+                volts = (float(put_out(sample, y[2], r_g, track, law, memory, outputs)),)
                 sample += 1
-            args = more if volts is None else (volts, *more)
-            at, found = solve(equations, times, y, args)
+            at, found = solve(equations or self.equations, times, y, (*volts, *more))
             t.append(at[1:])
             states.append(found[:, 1:])
             y = np.ascontiguousarray(found[:, -1])
@@ -174,37 +170,33 @@ def arm_problems(run: Trajectory, interval: float = 5e-3) -> tuple[Problem, Prob
     The first has the right-hand side with all limits; in the second each leg has the equations
     of the region that the exact run is in. Under control both start anew at each sample.
     """
-    p, t_end = run.parameters, run.t_end
-    grid = np.append(np.arange(0.0, t_end - 1e-9, interval), t_end)
-    cuts = grid if run.control is not None else grid[[0, -1]]
+    grid, controlled = _grid(run, interval), run if run.control is not None else None
+    cuts = grid if controlled else grid[[0, -1]]
     at = np.array([event.time for event in run.events])
-    cuts_landed = np.unique(np.concatenate((cuts, at[(at > 0) & (at < t_end)])))
+    cuts_landed = np.unique(np.concatenate((cuts, at[(at > 0) & (at < grid[-1])])))
     where = run.regions(0.5 * (cuts_landed[1:] + cuts_landed[:-1]))
+    volts = () if controlled else (float(run.set_velocity(0.0)),)
 
-    def legs(cuts: np.ndarray, more: list[tuple]) -> tuple[tuple[np.ndarray, tuple], ...]:
-        inside = [grid[(grid > a) & (grid < b)] for a, b in pairwise(cuts)]
+    def problem(flow: Callable, cuts: np.ndarray, more: list[tuple]) -> Problem:
         times = [
-            np.concatenate(([a], middle, [b]))
-            for a, middle, b in zip(cuts[:-1], inside, cuts[1:], strict=True)
+            np.concatenate(([a], grid[(grid > a) & (grid < b)], [b])) for a, b in pairwise(cuts)
         ]
-        return tuple(zip(times, more, strict=True))
+        legs = tuple((t, (*volts, *args)) for t, args in zip(times, more, strict=True))
+        size, equations = np.abs(run.y).max(axis=1), _arm_equations(flow, run.parameters)
+        return Problem(equations, np.zeros(7), legs, run, size, size, controlled=controlled)
 
-    y0, size = np.zeros(7), np.abs(run.y).max(axis=1)
-    volts = None if run.control is not None else float(run.set_velocity(0.0))
-    common: dict[str, Any] = {
-        "set_velocity": volts, "control": run.control, "t_end": t_end, "r_g": p.r_g
-    }  # fmt: skip
-    plain = legs(cuts, [()] * (len(cuts) - 1))
-    landed = legs(cuts_landed, [(region_number(region),) for region in where])
     return (
-        Problem(_arm_equations(rhs, p), y0, plain, run, size, size, **common),
-        Problem(_arm_equations(region_flow, p), y0, landed, run, size, size, **common),
+        problem(rhs, cuts, [()] * (len(cuts) - 1)),
+        problem(region_flow, cuts_landed, [(region_number(region),) for region in where]),
     )
 
 
 def exactly(run: Trajectory, interval: float = 5e-3) -> Callable[[], np.ndarray]:
     """Return a function that solves an exact run anew, with states at the same times."""
-    t_end = run.t_end
-    grid = np.append(np.arange(0.0, t_end - 1e-9, interval), t_end)
+    grid = _grid(run, interval)
     volts = None if run.control is not None else float(run.set_velocity(0.0))
-    return lambda: simulate(run.parameters, volts, t_end, control=run.control)(grid)
+    return lambda: simulate(run.parameters, volts, run.t_end, control=run.control)(grid)
+
+
+def _grid(run: Trajectory, interval: float) -> np.ndarray:
+    return np.append(np.arange(0.0, run.t_end - 1e-9, interval), run.t_end)

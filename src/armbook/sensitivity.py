@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from armsim.arm import AxisParameters
 from armsim.paths import DATA
 
 BASE = "published"  #: in place of a choice: the values of the book
@@ -34,6 +35,31 @@ def load(path: Path = DATA / "sensitivity" / "choices.csv") -> pd.DataFrame:
     return table[columns].reset_index(drop=True)
 
 
+def recorded(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of recorded values, without verdicts and notebooks that fail."""
+    return table[(table["study"] != VERDICTS) & (table["name"] != FAILS)]
+
+
+def largest(table: pd.DataFrame) -> pd.Series:
+    """Larger of the changes of a value, in size, when a choice is halved and doubled; in per cent.
+
+    The index is that of choice, study and name.
+    """
+    key = ["choice", "study", "name"]
+    return table.assign(size=table["change"].abs()).groupby(key, sort=False)["size"].max()
+
+
+def smallest_gain(p: AxisParameters, velocity: float = 1.0) -> float:
+    """Smallest forward gain K_e in V/V with which an axis can hold a velocity in m/s.
+
+    There the preamplifier is at its limit: K_e (V_L - I/K_i) drives the motor's current I against
+    friction, its resistance and its back EMF.
+    """
+    speed = velocity / p.r_g
+    current = (p.B_m * speed + p.r_g * p.B_a * velocity) / p.K_b
+    return (p.R_a * current + p.K_b * speed) / (p.V_L - current / p.K_i)
+
+
 def counts(table: pd.DataFrame) -> pd.DataFrame:
     """Count for each changed choice the values, those that move, and the verdicts that change.
 
@@ -41,7 +67,7 @@ def counts(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for (choice, factor), part in table.groupby(["choice", "factor"], sort=False):
-        values = part[(part["study"] != VERDICTS) & (part["name"] != FAILS)]
+        values = recorded(part)
         size = values["change"].abs()
         other = values["change"].isna() & values["differs"]
         verdicts = part[(part["study"] == VERDICTS) & part["differs"]]
@@ -54,10 +80,7 @@ def counts(table: pd.DataFrame) -> pd.DataFrame:
                 "0.1 %": int(((size > 0.1) | other).sum()),
                 "1 %": int(((size > 1) | other).sum()),
                 "10 %": int(((size > 10) | other).sum()),
-                "verdicts": "; ".join(
-                    f"{name}: {value}"
-                    for name, value in zip(verdicts["name"], verdicts["value"], strict=True)
-                ),
+                "verdicts": "; ".join(verdicts["name"] + ": " + verdicts["value"]),
                 "failed": ", ".join(failed["study"]),
             }
         )

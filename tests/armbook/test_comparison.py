@@ -4,13 +4,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from armbook.comparison import EXPONENTIAL, candidates, cheapest, compare, reasons
+from armbook.comparison import (
+    EXPONENTIAL,
+    candidates,
+    cheapest,
+    compare,
+    cpu_change,
+    reasons,
+    step_size_for,
+)
 from armbook.peers import peers
 from armbook.problems import linear_problem
 from armbook.styles import METHODS
 from armsim.arm import AxisParameters, LinearAxis
 from armsim.methods import integrate, tableaux
 from armsim.paper import PRINTED
+from reportkit.timing import Timing
 
 P = AxisParameters.paper_x_axis()
 H = 1e-4
@@ -94,3 +103,20 @@ def test_failures_that_differ_in_numbers_are_one():
         ["RK6", "arm, move", "1e-05 to 0.0001", "RK6, …: component 0 blew up at … …"],
         ["RK6", "arm", "1e-06 to 1e-06", "left out"],
     ]
+
+
+def test_the_papers_metric_is_the_size_of_a_change():
+    """Five repetitions, two of them slower and three faster: 10, 20, 30, 40 and 50 per cent."""
+    seconds = np.array([[1.0, 1.5], [1.0, 0.9], [2.0, 2.4], [1.0, 0.7], [4.0, 2.4]])
+    whole = np.ones(seconds.shape, int)
+    timing = Timing(("prior", "new"), seconds, whole, whole, "process_time", 1e-9)
+    assert cpu_change(timing, "new", "prior") == pytest.approx([20, 30, 40])
+
+
+@pytest.mark.parametrize("order", [1, 4, 6.5])
+def test_the_step_for_an_error_of_a_power_law(order):
+    steps = np.geomspace(1e-1, 1e-4, 20)
+    errors = 3 * steps**order
+    assert step_size_for(3 * 2e-3**order, steps, errors) == pytest.approx(2e-3, rel=1e-12)
+    assert np.isnan(step_size_for(2 * errors[0], steps, errors))
+    assert np.isnan(step_size_for(errors[-1] / 2, steps, errors))

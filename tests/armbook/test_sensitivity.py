@@ -3,7 +3,8 @@
 import pandas as pd
 import pytest
 
-from armbook.sensitivity import BASE, VERDICTS, counts, load
+from armbook.sensitivity import BASE, VERDICTS, counts, largest, load, recorded, smallest_gain
+from armsim.arm import AxisParameters, simulate
 from armsim.paths import DATA
 from reportkit.check import compare, load_all
 
@@ -44,6 +45,22 @@ def test_counts(table):
     assert (doubled["0.1 %"], doubled["1 %"], doubled["10 %"]) == (4, 4, 3)
     assert doubled["verdicts"] == "claim: refuted"
     assert (halved["values"], halved["verdicts"], halved["failed"]) == (0, "", "30_a")
+
+
+def test_the_larger_change_of_each_value(table):
+    more = table[table["name"] == "speed"].assign(factor=0.5, change=7.0)
+    found = largest(recorded(pd.concat([table, more])))
+    assert found["K", "30_a", "speed"] == 7.0
+    assert set(found.index.get_level_values("name")) == {"speed", "pair", "zero", "new"}
+
+
+def test_the_smallest_gain_holds_the_speed_and_no_smaller_one():
+    p = AxisParameters.paper_x_axis()
+    least = smallest_gain(p, 0.9)
+    for factor, holds in ((1.01, True), (0.97, False)):
+        run = simulate(p.replace(K_e=factor * least), 9.0, 4.0)
+        assert (run(4.0)[1] > 0.899) == holds
+        assert (abs(run.auxiliary([4.0])["v_c"][0]) >= p.V_L) != holds
 
 
 def test_file_starts_from_the_values_of_the_book():

@@ -1,0 +1,59 @@
+"""A move under the slave control unit, and how well the arm follows its track."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from armsim.arm.parameters import AxisParameters
+from armsim.arm.response import settling_time
+from armsim.arm.simulate import Trajectory, simulate
+from armsim.arm.slave_control import SlaveControl
+
+#: Half-width in m of the band around the goal within which the arm has arrived.
+BAND = 1e-3
+#: Time in s for which the arm is watched after the end of the track.
+REST = 1.0
+
+
+class Move(NamedTuple):
+    """A run of the arm beside its track, finely sampled."""
+
+    run: Trajectory
+    t: np.ndarray  #: (n,) s
+    y: np.ndarray  #: (7, n) states
+    wanted: np.ndarray  #: (2, n) position in m and speed in m/s of the track
+
+    @property
+    def error(self) -> np.ndarray:
+        """Position of the track less that of the arm, (n,) in m."""
+        return self.wanted[0] - self.y[0]
+
+    @property
+    def tracking_error(self) -> float:
+        """Largest size of the error, m."""
+        return float(np.abs(self.error).max())
+
+    @property
+    def overshoot(self) -> float:
+        """Largest distance by which the arm passes the goal, m."""
+        goal = self.wanted[0, -1]
+        return max(0.0, float((np.sign(goal) * (self.y[0] - goal)).max()))
+
+    @property
+    def arrival(self) -> float:
+        """Time in s from which on the arm stays within `BAND` of the goal; NaN if it does not."""
+        return settling_time(self.t, self.y[0], self.wanted[0, -1], BAND)
+
+    @property
+    def share_at_limit(self) -> float:
+        """Share of the track's duration for which the preamplifier is at its limit."""
+        assert self.run.control is not None
+        v_c, p = self.run.auxiliary(self.t)["v_c"], self.run.parameters
+        return float((np.abs(v_c) >= p.V_L)[self.t < self.run.control.track.duration].mean())
+
+
+def move(p: AxisParameters, control: SlaveControl) -> Move:
+    """Run the move of a control unit from rest, exactly."""
+    t_end = control.track.duration + REST
+    run, t = simulate(p, control=control, t_end=t_end), np.linspace(0.0, t_end, 8001)
+    return Move(run, t, run(t), control.track(t))
