@@ -52,8 +52,8 @@ def test_control_and_move_have_the_choices():
 
 
 def test_notebook_of_the_move_starts_from_the_choices():
-    project = Project.read(ROOT)
-    notebook = find("50", project.notebooks, project.defaults())
+    project = Project.find(ROOT)
+    notebook = find("50", project.notebooks, project.read_choices())
     for table in ("control", "move"):
         for name, value in CHOICES[table].items():
             assert notebook.parameters[name].default == value

@@ -66,8 +66,11 @@ _NOTEBOOKS = click.option(
 def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | None) -> None:
     """Show the notebooks and their parameters, or those of one."""
     folder = notebooks or project.notebooks
-    paths = [] if name else parameters.sources(folder)
-    found = [parameters.find(name, folder)] if name else [parameters.read(path) for path in paths]
+    choices = project.read_choices()
+    if name:
+        found = [parameters.find(name, folder, choices)]
+    else:
+        found = [parameters.read(path, choices) for path in parameters.sources(folder)]
     if as_json:
         click.echo(json.dumps([_described(notebook) for notebook in found], indent=1))
     else:
@@ -115,7 +118,7 @@ def rerun(
     notebooks: Path | None,
 ) -> int:
     """Execute a notebook with other parameters."""
-    notebook = parameters.find(name, notebooks or project.notebooks)
+    notebook = parameters.find(name, notebooks or project.notebooks, project.read_choices())
     values = notebook.values(given, _table(file))
     from reportkit.execute import NotebookError
     from reportkit.rerun import rerun

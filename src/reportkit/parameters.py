@@ -11,7 +11,8 @@ lines above::
 
 For a number the unit comes first (1 if it has none), then the meaning, then the allowed range:
 ``LOW to HIGH``, ``above LOW``, ``at least LOW`` or ``A | B``; for a list the same after ``each``,
-with the number of values before it if that matters. A bool needs only the help text.
+with the number of values before it if that matters. A bool needs only the help text. A default is
+a literal, or an entry of the report's choices, such as ``CHOICES["move"]["velocity"]``.
 """
 
 import ast
@@ -205,7 +206,7 @@ class Notebook:
         return self.parameters[name]
 
 
-def read(path: Path) -> Notebook:
+def read(path: Path, choices: Mapping[str, Any] | None = None) -> Notebook:
     """Read title, first sentence and parameters from the source of a notebook.
 
     Raises
@@ -226,13 +227,15 @@ def read(path: Path) -> Notebook:
     for cell, source in sources:
         if "parameters" in cell["metadata"].get("tags", ()):
             try:
-                found = {parameter.name: parameter for parameter in _parameters(source)}
-            except (SyntaxError, ValueError) as error:
+                found = {
+                    parameter.name: parameter for parameter in _parameters(source, choices or {})
+                }
+            except (SyntaxError, ValueError, LookupError) as error:
                 raise ParameterError(f"{path}: {error}") from None
     return Notebook(path, title.lstrip("# "), summary, found)
 
 
-def find(name: str, folder: Path) -> Notebook:
+def find(name: str, folder: Path, choices: Mapping[str, Any] | None = None) -> Notebook:
     """Read the notebook with this name, or with this number or topic alone.
 
     Raises
@@ -246,7 +249,7 @@ def find(name: str, folder: Path) -> Notebook:
     if len(fits) != 1:
         stems = [path.stem for path in paths]
         raise ParameterError(f"{name}: no notebook in {folder}; {_nearest(short, stems)}")
-    return read(fits[0])
+    return read(fits[0], choices)
 
 
 def sources(folder: Path) -> list[Path]:
@@ -264,7 +267,7 @@ def sources(folder: Path) -> list[Path]:
     return paths
 
 
-def _parameters(source: str) -> Iterable[Parameter]:
+def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
     tree = ast.parse(source)
     comments: dict[int, str] = {}
     alone: set[int] = set()
@@ -274,18 +277,27 @@ def _parameters(source: str) -> Iterable[Parameter]:
             if not token.line[: token.start[1]].strip():
                 alone.add(token.start[0])
     for node in tree.body:
+        if isinstance(node, ast.ImportFrom):  # of the choices
+            continue
         if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
             raise ParameterError(f"cell of parameters: {ast.unparse(node)} is no NAME = VALUE")
         comment = comments.get(node.end_lineno or 0, "")
         line = node.lineno - 1
         while line in alone and node.end_lineno not in comments:
             comment, line = f"{comments[line]} {comment}".strip(), line - 1
-        default = ast.literal_eval(node.value)
+        default = _default(node.value, choices)
         text, _, allowed = (part.strip() for part in comment.partition(";"))
         unit = None
         if not isinstance(default, str | bool):
             unit, _, text = (part.strip() for part in text.partition(","))
         yield Parameter(node.targets[0].id, default, text, unit, allowed)
+
+
+def _default(node: ast.expr, choices: Mapping[str, Any]) -> Any:
+    """Value of a literal, or of an entry of the choices."""
+    if not isinstance(node, ast.Subscript):
+        return choices if isinstance(node, ast.Name) else ast.literal_eval(node)
+    return _default(node.value, choices)[ast.literal_eval(node.slice)]
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:

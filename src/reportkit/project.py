@@ -6,7 +6,7 @@ Every path is relative to the folder of that file, the root of the report.
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 
 class ProjectError(ValueError):
@@ -24,10 +24,11 @@ class Project:
     name : str
         Name of the report and of its command; if the report is an installed distribution, the
         name of that too.
-    notebooks, results, expected, claims, data, mathjax : str
+    notebooks, results, expected, claims, choices, data, mathjax : str
         Relative to `root`: sources of the notebooks; what they make; the values that a rebuild
-        must reproduce; claims and their criteria; the data whose SHA-256 sums are listed; the
-        script that typesets mathematics on the page of a rerun.
+        must reproduce; claims and their criteria; a table of values that cells of parameters may
+        refer to; the data whose SHA-256 sums are listed; the script that typesets mathematics on
+        the page of a rerun.
     extra : str
         Extra of the distribution that the report needs.
     versions : tuple of str
@@ -50,6 +51,12 @@ class Project:
         for item in fields(self)[1:]:
             if item.type is Path:
                 object.__setattr__(self, item.name, self.root / getattr(self, item.name))
+
+    def read_choices(self) -> dict[str, Any]:
+        """Read the values that cells of parameters refer to; none if there is no such file."""
+        if not self.choices.is_file():
+            return {}
+        return tomllib.loads(self.choices.read_text(encoding="utf-8"))
 
     @classmethod
     def find(cls, start: Path | None = None) -> Self:

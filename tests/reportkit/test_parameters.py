@@ -186,3 +186,15 @@ def test_unknown_notebook_comes_with_the_nearest(notebook, tmp_path):
     notebook(name="51_other_topic")
     with pytest.raises(ParameterError, match="did you mean 51_other_topic?"):
         find("51_other_topics", tmp_path)
+
+
+def test_a_default_may_be_one_of_the_choices(tmp_path):
+    cell = (
+        'from kit import CHOICES\n\nlength = CHOICES["move"]["length"]  # m, of the move; 0 to 9\n'
+    )
+    cells = [{"cell_type": "code", "metadata": {"tags": ["parameters"]}, "source": cell}]
+    path = tmp_path / "10_move.ipynb"
+    path.write_text(json.dumps({"cells": cells}), encoding="utf-8")
+    assert read(path, {"move": {"length": 2.5}}).parameters["length"].default == 2.5
+    with pytest.raises(ParameterError, match="'move'"):
+        read(path)
