@@ -1,5 +1,6 @@
 """Tests of the measurement of times, with clocks that only the functions move."""
 
+import contextlib
 import gc
 import itertools
 import os
@@ -7,6 +8,7 @@ import os
 import numpy as np
 import pandas as pd
 import pytest
+from joblib import Parallel, delayed
 
 from reportkit import timing
 from reportkit.timing import measure, resolution, spent
@@ -167,3 +169,21 @@ def test_processor_time_of_children_counts_and_waiting_does_not(monkeypatch):
     """The system's times are of this process, of its children, and elapsed."""
     monkeypatch.setattr(timing.os, "times", lambda: os.times_result((1.0, 2.0, 4.0, 8.0, 16.0)))
     assert spent() == 15.0
+
+
+def test_idle_workers_are_ended_before_their_time_is_read(monkeypatch):
+    """A worker of joblib counts once it has ended, so none may be alive when the times are read."""
+    pids = set(Parallel(n_jobs=2)(delayed(os.getpid)() for _ in range(4)))
+    assert os.getpid() not in pids
+    alive = []
+
+    def times():
+        for pid in pids:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, 0)
+                alive.append(pid)
+        return os.times_result((1.0, 0.0, 0.0, 0.0, 0.0))
+
+    monkeypatch.setattr(timing.os, "times", times)
+    assert spent() == 1.0
+    assert alive == []
