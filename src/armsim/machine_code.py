@@ -80,6 +80,8 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
 
 
 def _function_parts(function: FunctionType, seen: set[int]) -> Iterator[str]:
+    if function.__module__ not in sys.modules:  # of a script that runpy runs: not found again
+        raise _Unknown(function)
     yield from _parts(function.__defaults__ or (), seen)
     cells = function.__closure__ or ()
     for cell in cells:
