@@ -92,6 +92,8 @@ def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
 
 
 def _function_parts(function: FunctionType, seen: dict[int, int]) -> Iterator[str]:
+    if function.__module__ not in sys.modules:  # a script that runpy runs; it cannot be found again
+        raise _Unknown(function)
     yield from _parts(function.__defaults__ or (), seen)
     for cell in function.__closure__ or ():
         yield from _parts(cell.cell_contents, seen)
