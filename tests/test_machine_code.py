@@ -338,9 +338,9 @@ def test_a_helper_or_constant_of_another_module_changes_the_next_process(tmp_pat
 
 
 FLOW = """
-from armbook.peers import region_flow, region_number
+from armbook.problems import region_flow
 from armsim.arm import AxisParameters
-from armsim.arm.dynamics import Region, constants
+from armsim.arm.dynamics import Region, constants, region_number
 
 p = AxisParameters.paper_x_axis()
 where = region_number(Region(0, 0, 1, 1))
@@ -350,7 +350,7 @@ print(sum(region_flow.stats.cache_hits.values()))
 """
 
 
-def test_a_change_of_the_gear_force_reaches_the_peers_without_make(tmp_path):
+def test_a_change_of_the_gear_force_reaches_the_problems_without_make(tmp_path):
     """`region_flow` calls `derivative`, which calls `gear_force` of the same module."""
     copy = tmp_path / "src"
     shutil.copytree(SRC, copy, ignore=shutil.ignore_patterns("__pycache__"))
