@@ -205,16 +205,10 @@ def eigen(A):
 @compiled
 def _influence(C):
     """Matrix whose entry [i, j] is true if state j acts on state i, directly or through others."""
-    n = C.shape[0]
-    acts = np.empty((n, n), np.bool_)
-    for i in range(n):
-        for j in range(n):
-            acts[i, j] = i == j or C[i, j] != 0.0
-    for k in range(n):
-        for i in range(n):
-            if acts[i, k]:
-                for j in range(n):
-                    acts[i, j] = acts[i, j] or acts[k, j]
+    acts = C != 0.0
+    for k in range(C.shape[0]):
+        acts[k, k] = True
+        acts |= acts[:, k : k + 1] & acts[k : k + 1, :]
     return acts
 
 

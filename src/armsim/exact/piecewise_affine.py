@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -68,8 +70,7 @@ def _run_piece(here, m, place, h, longest_search, z, w):
     h, guard, side = crossing.first_crossing(here, m, place, modes, h, longest_search, w)
     if guard == crossing.GIVEN_UP:
         return h, guard, side
-    for i in range(z.size):
-        w.state[i] = z[i]
+    w.state[:] = z
     modal.advance(m, place, w.state, w.slope, w.amplitude, w.taylor, h, z)
     if guard >= 0:
         limit = here.upper[guard] if side > 0 else here.lower[guard]
@@ -164,9 +165,7 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
             status = _obstacle(place, pieces == limits[1])
             break
         start, label = _with_room(start, pieces), _with_room(label, pieces)
-        start[pieces, 0] = t
-        for i in range(n):
-            start[pieces, 1 + i], start[pieces, 1 + n + i] = z[i], w.slope[i]
+        start[pieces, 0], start[pieces, 1 : 1 + n], start[pieces, 1 + n :] = t, z, w.slope
         h, guard, side = _run_piece(here, m, place, until - t, limits[2], z, w)
         if guard == crossing.GIVEN_UP:
             status = SEARCH_TOO_LONG
@@ -202,36 +201,16 @@ def sample(record, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
     n, last, m = out.shape[0], -1, record.matrices
     w = crossing.work_room(n, 0)
+    pieces = np.searchsorted(record.start[:, 0].copy(), times, side="right") - 1
     for j in range(times.size):
-        piece = _piece_at(record, times[j])
+        piece = pieces[j]
         place, u = record.label[piece, 1], times[j] - record.start[piece, 0]
         state, slope = record.start[piece, 1 : n + 1], record.start[piece, n + 1 :]
         if piece != last:
             _set_formula(m, place, slope, w)
         last = piece
         modal.advance(m, place, state, slope, w.amplitude, w.taylor, u, w.state)
-        for i in range(n):
-            out[i, j] = w.state[i]
-
-
-@compiled
-def _piece_at(record, t):
-    """Index of the piece that contains a time; the later one where two meet."""
-    low, high = 0, record.start.shape[0]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if record.start[middle, 0] <= t:
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-@kept(**OPTIONS)
-def modes_at(record, times, out):
-    """Set `out` (k,) to the modes of a run at `times` (k,)."""
-    for j in range(times.size):
-        out[j] = record.label[_piece_at(record, times[j]), 0]
+        out[:, j] = w.state
 
 
 _RUN = """\
@@ -295,23 +274,19 @@ class ExactSolution:
 
     def modes(self, t: np.ndarray) -> list:
         """Modes at the times `t` (k,); at an event, the mode after it."""
-        out = np.empty(len(t), np.int64)
-        modes_at(self.record, np.asarray(t, dtype=float), out)
-        names = {mode: self.mode_name(mode) for mode in set(out.tolist())}
-        return [names[mode] for mode in out.tolist()]
+        pieces = np.searchsorted(self.record.start[:, 0], t, side="right") - 1
+        return list(map(self.mode_name, self.record.label[pieces, 0].tolist()))
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """Switching events in time order; changes at the same time form one event."""
-        found: list[Event] = []
         rows = zip(self.record.event_time[:, 0].tolist(), self.record.event.tolist(), strict=True)
-        for time, (guard, side, before, after) in rows:
-            cause = (self.guard_name(guard), side)
-            if found and found[-1].time == time:
-                last = found.pop()
-                found.append(Event(time, last.before, self.mode_name(after), (*last.causes, cause)))
-            else:
-                found.append(Event(time, self.mode_name(before), self.mode_name(after), (cause,)))
+        found = []
+        for time, same in groupby(rows, key=itemgetter(0)):
+            changes = [change for _, change in same]
+            causes = tuple((self.guard_name(guard), side) for guard, side, *_ in changes)
+            before, after = self.mode_name(changes[0][2]), self.mode_name(changes[-1][3])
+            found.append(Event(time, before, after, causes))
         return tuple(found)
 
     @cached_property
