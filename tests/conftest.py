@@ -2,8 +2,10 @@
 
 import os
 import signal
+from pathlib import Path
 
-from hypothesis import HealthCheck, is_hypothesis_test, seed, settings
+from hypothesis import HealthCheck, is_hypothesis_test, settings
+from hypothesis.database import DirectoryBasedExampleDatabase
 
 # Who starts the tests in the background makes them ignore Ctrl-C, and so the programs that they
 # start and interrupt. A handler here is the default there.
@@ -13,13 +15,23 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # ones, and keeps those that fail in .hypothesis.
 _ANY_SPEED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("ci", derandomize=True, database=None, **_ANY_SPEED)
-settings.register_profile("fuzz", max_examples=2000, print_blob=True, **_ANY_SPEED)
+settings.register_profile(
+    "fuzz",
+    max_examples=2000,
+    derandomize=False,
+    database=DirectoryBasedExampleDatabase(Path(__file__).parents[1] / ".hypothesis"),
+    print_blob=True,
+    **_ANY_SPEED,
+)
 settings.load_profile("ci")
 
 
 def pytest_collection_modifyitems(items):
-    """Give every property the seed of `make fuzz`. (Pytest's own option would keep no failures.)"""
+    """Give every property the seed of `make fuzz`.
+
+    Hypothesis keeps no failures of a test with a seed, by its decorator or by pytest's option.
+    """
     number = os.environ.get("FUZZ_SEED")
     for item in items if number else ():
         if is_hypothesis_test(getattr(item, "function", None)):
-            seed(int(number))(item.function)
+            item.function._hypothesis_internal_use_seed = int(number)

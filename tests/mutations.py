@@ -1,6 +1,6 @@
 """Change one digit or one sign at a time, in a copy, and see that a test fails.
 
-Not a part of ``make test``; it takes about an hour: ``.venv/bin/python tests/mutations.py``. It
+Not a part of ``make test``; it takes half an hour: ``.venv/bin/python tests/mutations.py``. It
 changes every digit of every tableau, ours and the paper's, every digit of Tables 3 to 5, and every
 sign of the state equations and the auxiliary variables. A number as argument takes every n-th.
 """
