@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from armbook.cli import main
+from armsim.choices import CHOICES
 from reportkit.parameters import read, sources
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
@@ -31,7 +32,7 @@ def test_list_shows_every_notebook_in_eighty_columns(capsys, monkeypatch):
 
 @pytest.mark.parametrize("path", sources(NOTEBOOKS), ids=lambda path: path.stem)
 def test_parameters_of_the_report_are_described(path):
-    found = read(path)
+    found = read(path, CHOICES)
     assert found.title
     assert found.summary.endswith(".")
     assert found.parameters
