@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 from importlib.util import find_spec
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import grimp
@@ -92,6 +93,9 @@ def architecture(graph: Graph) -> Figure:
     def box(x: float, y: float, w: float, h: float, **style: Any) -> None:
         ax.add_patch(FancyBboxPatch((x, y), w, h, "round,pad=0,rounding_size=3", **style))
 
+    def above(module: str) -> float:  # the mean abscissa of what imports it: few lines cross
+        return fmean([x for name, (x, _) in place.items() if module in lines[name]] or [0.0])
+
     place: dict[str, tuple[float, float]] = {}
     top = 0.0
     for floor, height in zip(FLOORS, heights, strict=True):
@@ -102,8 +106,12 @@ def architecture(graph: Graph) -> Figure:
             ax.text(left + 28, top + 17, name, va="center", size=10.5, weight="bold")
             for n, modules in enumerate(rows[name]):
                 y = top + head + row * (n + 0.5)
-                for module, x in _spread(modules, lines, place, left, right, n):
+                free = (right - left) / len(modules)
+                # beside those of the next row, so that a line to a row further down passes by
+                x = left + free * (0.5 + (0.12 * (-1) ** n if free > 100 else 0))
+                for module in sorted(modules, key=above):
                     place[module] = (x, y)
+                    x += free
             left = right
         top += height
     for module, others in lines.items():
@@ -130,28 +138,6 @@ def _rows(lines: Graph, name: str, columns: int) -> list[list[str]]:
         parts = -(-len(row) // columns)
         rows += [row[n::parts] for n in range(parts)]
     return rows
-
-
-def _spread(
-    modules: list[str],
-    lines: Graph,
-    place: Mapping[str, tuple[float, float]],
-    left: float,
-    right: float,
-    row: int,
-) -> list[tuple[str, float]]:
-    """Give the modules of a row their abscissae, in an order that crosses few lines."""
-
-    def above(module: str) -> float:
-        xs = [x for name, (x, _) in place.items() if module in lines[name]]
-        return sum(xs) / len(xs) if xs else left
-
-    free = (right - left) / len(modules)
-    shift = 0.12 * free * (-1) ** row  # so that a line to a row further down passes by
-    return [
-        (module, left + free * (n + 0.5) + (shift if free > 100 else 0.0))
-        for n, module in enumerate(sorted(modules, key=above))
-    ]
 
 
 def modules_table(graph: Graph) -> str:
