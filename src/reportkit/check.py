@@ -108,7 +108,10 @@ def compare_folders(results: Path, expected: Path) -> list[Comparison]:
 
 
 def update(pairs: Sequence[Comparison], expected: Path) -> None:
-    """Replace the expected values that differ by more than their tolerance; keep all others."""
+    """Replace the expected values that differ by more than their tolerance; keep all others.
+
+    The pairs come study by study, as from `compare_folders`.
+    """
     expected.mkdir(parents=True, exist_ok=True)
     for study, group in groupby(pairs, key=lambda pair: pair.study):
         records = {one.name: one.got if one.moved else one.expected for one in group if one.got}

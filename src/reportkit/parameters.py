@@ -249,7 +249,7 @@ def sources(folder: Path) -> list[Path]:
 
 
 def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
-    tree, lines = ast.parse(source), ["", *source.splitlines()]
+    tree, lines = ast.parse(source), ["", *source.split("\n")]
     comments = {
         token.start[0]: token.string.lstrip("#").strip()
         for token in tokenize.generate_tokens(io.StringIO(source).readline)
