@@ -7,12 +7,14 @@ from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 from importlib.util import find_spec
 from pathlib import Path
+from statistics import fmean
+from typing import Any
 
 import grimp
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
 
-from armbook.drawings import Sheet
 from armbook.styles import COLOUR
 from armsim.arm import AxisParameters
 from reportkit import figures, provenance, text
@@ -74,6 +76,7 @@ def architecture(graph: Graph) -> Figure:
     """Draw the modules on their floors, with their imports.
 
     Imports that follow from others are left out, and those of the lowest floor, which all use.
+    Lengths are in points of print, from the upper left corner.
     """
     cell, row, head = 86.0, 36.0, 24.0
     lines = reduced(graph)
@@ -81,29 +84,46 @@ def architecture(graph: Graph) -> Figure:
         name: _rows(lines, name, columns) for floor in FLOORS for name, columns in floor.items()
     }
     heights = [head + row * max(len(rows[name]) for name in floor) + 8 for floor in FLOORS]
-    sheet = Sheet(5 * cell + 8, sum(heights))
+    width, height = 5 * cell + 8, sum(heights)
+    figure = Figure(figsize=(width / 72, height / 72))
+    figure.set_layout_engine("none")
+    ax = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0))
+    ax.set_axis_off()
+
+    def box(x: float, y: float, w: float, h: float, **style: Any) -> None:
+        ax.add_patch(FancyBboxPatch((x, y), w, h, "round,pad=0,rounding_size=3", **style))
+
+    def above(module: str) -> float:  # the mean abscissa of what imports it: few lines cross
+        return fmean([x for name, (x, _) in place.items() if module in lines[name]] or [0.0])
+
     place: dict[str, tuple[float, float]] = {}
     top = 0.0
     for floor, height in zip(FLOORS, heights, strict=True):
         left = 4.0
         for name, columns in floor.items():
             right = left + cell * columns
-            sheet.panel(left + 2, top + 2, right - 2, top + height - 6, name, _TONES[name])
+            box(left + 2, top + 2, right - left - 4, height - 8, fc=_TONES[name], alpha=0.09, lw=0)
+            ax.text(left + 28, top + 17, name, va="center", size=10.5, weight="bold")
             for n, modules in enumerate(rows[name]):
                 y = top + head + row * (n + 0.5)
-                for module, x in _spread(modules, lines, place, left, right, n):
+                free = (right - left) / len(modules)
+                # beside those of the next row, so that a line to a row further down passes by
+                x = left + free * (0.5 + (0.12 * (-1) ** n if free > 100 else 0))
+                for module in sorted(modules, key=above):
                     place[module] = (x, y)
+                    x += free
             left = right
         top += height
     for module, others in lines.items():
         for other in others:
             if part(other) == "armsim":  # below all floors: lines to it would hide the others
                 continue
-            sheet.line([place[module], place[other]], color=_TONES[part(module)],
-                       lw=0.9, alpha=0.55, zorder=1)  # fmt: skip
+            ax.plot(*zip(place[module], place[other], strict=True), color=_TONES[part(module)],
+                    lw=0.9, ls="-", alpha=0.55, zorder=1)  # fmt: skip
     for module, (x, y) in place.items():
-        sheet.block(x, y, cell - 10, 18, module.rpartition(".")[2], size=8)
-    return sheet.figure
+        box(x - cell / 2 + 5, y - 9, cell - 10, 18, fc="white", ec=figures.INK, lw=1.1)
+        ax.text(x, y, module.rpartition(".")[2], ha="center", va="center_baseline", size=8)
+    return figure
 
 
 def _rows(lines: Graph, name: str, columns: int) -> list[list[str]]:
@@ -118,28 +138,6 @@ def _rows(lines: Graph, name: str, columns: int) -> list[list[str]]:
         parts = -(-len(row) // columns)
         rows += [row[n::parts] for n in range(parts)]
     return rows
-
-
-def _spread(
-    modules: list[str],
-    lines: Graph,
-    place: Mapping[str, tuple[float, float]],
-    left: float,
-    right: float,
-    row: int,
-) -> list[tuple[str, float]]:
-    """Give the modules of a row their abscissae, in an order that crosses few lines."""
-
-    def above(module: str) -> float:
-        xs = [x for name, (x, _) in place.items() if module in lines[name]]
-        return sum(xs) / len(xs) if xs else left
-
-    free = (right - left) / len(modules)
-    shift = 0.12 * free * (-1) ** row  # so that a line to a row further down passes by
-    return [
-        (module, left + free * (n + 0.5) + (shift if free > 100 else 0.0))
-        for n, module in enumerate(sorted(modules, key=above))
-    ]
 
 
 def modules_table(graph: Graph) -> str:

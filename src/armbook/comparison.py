@@ -116,7 +116,7 @@ def reasons(failures: pd.DataFrame) -> list[list[str]]:
 def cpu_change(timing: Timing, new: str, prior: str) -> np.ndarray:
     """Return the paper's metric, |CPU new - CPU prior| / CPU prior in per cent: quartiles, median.
 
-    In the order of `Timing.quartiles`, over the repetitions.
+    In the order of `Timing.ratios`, over the repetitions.
     """
     change = 100 * np.abs(timing.of(new) / timing.of(prior) - 1)
     return np.quantile(change, [0.25, 0.5, 0.75])

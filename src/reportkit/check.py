@@ -6,7 +6,9 @@ but some of their columns are rounding errors, which differ between machines.
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +35,7 @@ class Comparison:
     def difference(self) -> float | None:
         """The recorded value minus the expected one; None unless both are numbers."""
         old, new = ((side or {}).get("value", "") for side in (self.expected, self.got))
-        if isinstance(old, bool | str) or isinstance(new, bool | str):
-            return None
-        return new - old
+        return None if {type(old), type(new)} & {bool, str} else new - old
 
     @property
     def relative(self) -> float | None:
@@ -53,15 +53,12 @@ class Comparison:
             return "unit"
         if _rule(self.expected) != _rule(self.got):
             return "tolerance"  # otherwise a notebook could loosen its own test
-        return "" if self._agrees(self.expected, self.got) else "value"
-
-    def _agrees(self, expected: Record, got: Record) -> bool:
-        if not expected.get("compared", True):
-            return True
-        old, new = expected["value"], got["value"]
-        if self.difference is None:
-            return type(old) is type(new) and old == new
-        return abs(self.difference) <= _allowed(expected)
+        if not self.expected.get("compared", True):
+            return ""
+        if self.difference is not None:
+            return "" if abs(self.difference) <= _allowed(self.expected) else "value"
+        old, new = self.expected["value"], self.got["value"]
+        return "" if type(old) is type(new) and old == new else "value"
 
     def row(self) -> list[str]:
         """Return name, expected, got, tolerance and notebook, the cells of a table."""
@@ -86,10 +83,8 @@ class Comparison:
 
 def compare(study: str, expected: Records, got: Records) -> list[Comparison]:
     """Pair the records of one study by name, the missing ones last."""
-    return [
-        Comparison(study, name, expected.get(name), got.get(name))
-        for name in dict.fromkeys([*got, *expected])
-    ]
+    names = {**got, **expected}
+    return [Comparison(study, name, expected.get(name), got.get(name)) for name in names]
 
 
 def compare_folders(results: Path, expected: Path) -> list[Comparison]:
@@ -113,14 +108,13 @@ def compare_folders(results: Path, expected: Path) -> list[Comparison]:
 
 
 def update(pairs: Sequence[Comparison], expected: Path) -> None:
-    """Replace the expected values that differ by more than their tolerance; keep all others."""
+    """Replace the expected values that differ by more than their tolerance; keep all others.
+
+    The pairs come study by study, as from `compare_folders`.
+    """
     expected.mkdir(parents=True, exist_ok=True)
-    for study in dict.fromkeys(pair.study for pair in pairs):
-        records = {
-            pair.name: pair.got if pair.moved else pair.expected
-            for pair in pairs
-            if pair.study == study and pair.got
-        }
+    for study, group in groupby(pairs, key=lambda pair: pair.study):
+        records = {one.name: one.got if one.moved else one.expected for one in group if one.got}
         path = expected / f"{study}.json"
         if records:
             text.write(path, text.to_json(records))
@@ -136,14 +130,11 @@ def load(path: Path) -> dict[str, Any]:
     ValueError
         If the file does not hold records.
     """
-    try:
+    with suppress(ValueError, AttributeError, TypeError):
         records = json.loads(path.read_text(encoding="utf-8"))
-        complete = all({"value", "unit", "tolerance"} <= set(item) for item in records.values())
-    except (ValueError, AttributeError, TypeError):
-        complete = False
-    if not complete:
-        raise ValueError(f"{path} does not hold what a study records")
-    return dict(records)
+        if all({"value", "unit", "tolerance"} <= set(item) for item in records.values()):
+            return dict(records)
+    raise ValueError(f"{path} does not hold what a study records")
 
 
 def load_all(folder: Path) -> dict[str, dict[str, Any]]:

@@ -7,6 +7,7 @@ cannot be tested, and why.
 
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,15 +68,10 @@ class Test:
     unit: str | None = None
 
     def __post_init__(self) -> None:
-        if sum(getattr(self, name) is not None for name in _RELATIONS) != 1:
+        if [self.equals, self.above, self.below].count(None) != 2:
             raise ClaimError(f"{self.value}: one of {', '.join(_RELATIONS)} is needed")
-        if (self.tolerance > 0) != (self.equals is not None and not self.exact):
+        if (self.tolerance > 0) != isinstance(self.equals, float | str):  # a count must be equal
             raise ClaimError(f"{self.value}: a tolerance belongs to equals, and equals needs one")
-
-    @property
-    def exact(self) -> bool:
-        """Whether the value is a count, which must be equal."""
-        return isinstance(self.equals, int)
 
     @property
     def relation(self) -> str:
@@ -99,7 +95,7 @@ class Test:
         value, bound = _number(records, self.value), self.bound(records)
         unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
         unit = "" if unit == "1" else f" {unit}"
-        tolerance = "exact" if self.exact else f"{self.tolerance:g}{unit}"
+        tolerance = f"{self.tolerance:g}{unit}" if self.tolerance else "exact"
         return (
             f"{_RELATIONS[self.relation]}{bound:{self.format}}{unit}",
             f"{value:{self.format}}{unit}",
@@ -169,10 +165,9 @@ def load(path: Path) -> list[Claim]:
     claims = []
     for table in tomllib.loads(path.read_text(encoding="utf-8"))["claim"]:
         try:
-            tests, corrected = (
-                [Test(**test) for test in table.pop(key, ())] for key in ("tests", "corrected")
-            )
-            claims.append(Claim(**table, tests=tests, corrected=corrected))
+            for key in {"tests", "corrected"} & set(table):
+                table[key] = [Test(**test) for test in table[key]]
+            claims.append(Claim(**table))
         except TypeError as error:
             raise ClaimError(f"{table.get('name', table)}: {error}") from None
     return claims
@@ -198,8 +193,8 @@ def table(claims: Iterable[Claim], records: Records) -> str:
     for claim in claims:
         verdict = claim.verdict(records)
         tests = [*claim.tests, *(claim.corrected if verdict == CORRECTED else ())]
-        columns = list(zip(*(test.row(records) for test in tests), strict=True))
-        cells = ["<br>".join(column) for column in columns] or ["–"] * 4
+        columns = zip(*(test.row(records) for test in tests), strict=True)
+        cells = [*map("<br>".join, columns)] or ["–"] * 4
         note = f": {claim.note}" if claim.note else ""
         told = f"**{verdict}**{note} ({{doc}}`shown here <{claim.page}>`)"
         rows.append([f"{claim.text} ({claim.where})", *cells, told])
@@ -208,13 +203,9 @@ def table(claims: Iterable[Claim], records: Records) -> str:
 
 def summary(claims: Sequence[Claim], records: Records) -> str:
     """Return one sentence that counts the verdicts."""
-    verdicts = [claim.verdict(records) for claim in claims]
-    counts = []
-    for name in filter(verdicts.__contains__, VERDICTS):
-        number = verdicts.count(name)
-        verb = "" if name == UNTESTABLE else "is " if number == 1 else "are "
-        counts.append(f"{number} {verb}{name}")
-    *others, last = counts
+    counts = Counter(claim.verdict(records) for claim in claims)
+    verbs = {name: "is " if counts[name] == 1 else "are " for name in VERDICTS} | {UNTESTABLE: ""}
+    *others, last = [f"{counts[name]} {verbs[name]}{name}" for name in VERDICTS if counts[name]]
     return f"Of {len(claims)} claims, {', '.join(others)}{' and ' if others else ''}{last}.\n"
 
 
@@ -228,14 +219,13 @@ def figure(claims: Sequence[Claim], records: Records) -> Figure:
     sides = ((CONFIRMED, UNTESTABLE), (CORRECTED, REFUTED))
     height = max(sum(len(groups[name]) + 2 for name in side if groups[name]) for side in sides)
     fig, ax = plt.subplots(figsize=(figures.WIDTH, 0.27 * height))
-    for left, side in zip((0.0, 1.0), sides, strict=True):
-        y = 0.0
+    for left, side in enumerate(sides):
+        y = 0
         for verdict in (name for name in side if groups[name]):
-            colour, marker = figures.PALETTE[_LOOK[verdict][0]], _LOOK[verdict][1]
-            text = f"{len(groups[verdict])} {verdict}"
-            ax.text(left, y, text, weight="bold", va="center")
+            colour, marker = _LOOK[verdict]
+            ax.text(left, y, f"{len(groups[verdict])} {verdict}", weight="bold", va="center")
             for n, name in enumerate(groups[verdict], 1):
-                ax.plot(left + 0.03, y - n, marker, color=colour, ms=7)
+                ax.plot(left + 0.03, y - n, marker, color=figures.PALETTE[colour], ms=7)
                 ax.text(left + 0.08, y - n, name, va="center")
             y -= len(groups[verdict]) + 2
     ax.set(xlim=(0, 2), ylim=(1.0 - height, 0.7))
@@ -256,9 +246,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures.save(figure(claims, records), results / "verdicts.svg")
     text.write(results / "verdicts-summary.md", summary(claims, records))
     text.write(results / "verdicts.csv", frame.to_csv(index=False, lineterminator="\n"))
-    text.write(
-        results / "verdicts.md", table(claims, records)
-    )  # last, because make takes it as the sign that all are there
+    # last, because make takes it as the sign that all are there
+    text.write(results / "verdicts.md", table(claims, records))
     return 0
 
 

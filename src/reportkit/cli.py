@@ -7,9 +7,9 @@ import json
 import shutil
 import signal
 import sys
-import textwrap
 import tomllib
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from reportkit.parameters import Notebook, ParameterError
 from reportkit.project import Project, ProjectError
 
 CHANGED, MISUSED, INTERRUPTED = 1, 2, 130
-Folder = click.Path(path_type=Path)
+_folder = partial(click.option, type=click.Path(path_type=Path), metavar="DIR")
 
 
 def main(arguments: list[str] | None = None, project: Project | None = None) -> int:
@@ -32,14 +32,13 @@ def main(arguments: list[str] | None = None, project: Project | None = None) -> 
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        project = project or Project.find()
+        own = project or Project.find()
+        return commands.main(arguments, own.name, standalone_mode=False, obj=own) or 0
     except ProjectError as error:
         print(error, file=sys.stderr)
         return MISUSED
-    try:
-        return commands.main(arguments, project.name, standalone_mode=False, obj=project) or 0
     except ParameterError as error:
-        print(f"{project.name} {arguments[0]}: {error}", file=sys.stderr)
+        print(f"{own.name} {arguments[0]}: {error}", file=sys.stderr)
         return MISUSED
     except click.ClickException as error:
         error.show()
@@ -53,9 +52,7 @@ def commands() -> None:
     """Rerun the report's notebooks with other parameters; check what was built."""
 
 
-_NOTEBOOKS = click.option(
-    "--notebooks", type=Folder, metavar="DIR", help="Notebooks other than the report's."
-)
+_NOTEBOOKS = _folder("--notebooks", help="Notebooks other than the report's.")
 
 
 @commands.command("list")
@@ -65,12 +62,9 @@ _NOTEBOOKS = click.option(
 @click.pass_obj
 def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | None) -> None:
     """Show the notebooks and their parameters, or those of one."""
-    folder = notebooks or project.notebooks
-    choices = project.read_choices()
-    if name:
-        found = [parameters.find(name, folder, choices)]
-    else:
-        found = [parameters.read(path, choices) for path in parameters.sources(folder)]
+    folder, choices = notebooks or project.notebooks, project.read_choices()
+    names = [name] if name else [path.name for path in parameters.sources(folder)]
+    found = [parameters.find(one, folder, choices) for one in names]
     if as_json:
         click.echo(json.dumps([_described(notebook) for notebook in found], indent=1))
     else:
@@ -86,8 +80,7 @@ def _described(notebook: Notebook) -> dict[str, Any]:
 
 def _shown(notebook: Notebook, width: int) -> str:
     def fill(line: str, indent: int, hanging: int = 0) -> str:
-        return textwrap.fill(line, width, initial_indent=" " * indent,
-                             subsequent_indent=" " * (indent + hanging))  # fmt: skip
+        return click.wrap_text(line, width, " " * indent, " " * (indent + hanging))
 
     lines = [notebook.name, fill(f"{notebook.title}. {notebook.summary}", 2)]
     for item in notebook.parameters.values():
@@ -103,19 +96,12 @@ def _shown(notebook: Notebook, width: int) -> str:
     help="A parameter, as the list shows them; a list is written 1,2,3. May be repeated.",
 )  # fmt: skip
 @click.option("-f", "--file", metavar="TOML", help="A file of KEY = VALUE; -p wins.")
-@click.option(
-    "-o", "--output", type=Folder, default="runs", metavar="DIR", show_default=True,
-    help="Where the folder NAME-<time> is made.",
-)  # fmt: skip
+@_folder("-o", "--output", default="runs", show_default=True,
+         help="Where the folder NAME-<time> is made.")  # fmt: skip
 @_NOTEBOOKS
 @click.pass_obj
 def rerun(
-    project: Project,
-    name: str,
-    given: tuple[tuple[str, str], ...],
-    file: str | None,
-    output: Path,
-    notebooks: Path | None,
+    project: Project, name: str, given: Any, file: str | None, output: Path, notebooks: Path | None
 ) -> int:
     """Execute a notebook with other parameters."""
     notebook = parameters.find(name, notebooks or project.notebooks, project.read_choices())
@@ -126,17 +112,17 @@ def rerun(
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     click.echo(f"{notebook.name}: executing")
     try:
-        result = rerun(notebook, values, output, project)
+        folder, comparisons, complaints = rerun(notebook, values, output, project)
     except KeyboardInterrupt:
         click.echo(f"{notebook.name}: interrupted, nothing written", err=True)
         return INTERRUPTED
     except (NotebookError, OSError) as error:
         click.echo(f"\n{error}\n", err=True)
         return CHANGED
-    for complaint in result.complaints:
+    for complaint in complaints:
         click.echo(f"{notebook.name} warned: {complaint}", err=True)
-    click.echo(_told(result.comparisons))
-    click.echo(f"{result.folder / notebook.name}.html")
+    click.echo(_told(comparisons))
+    click.echo(f"{folder / notebook.name}.html")
     return 0
 
 
@@ -159,8 +145,8 @@ def _told(pairs: list[Comparison]) -> str:
 
 @commands.command("check")
 @click.option("--update", is_flag=True, help="Take the results as the expected values.")
-@click.option("--results", type=Folder, metavar="DIR", help="Results other than the report's.")
-@click.option("--expected", type=Folder, metavar="DIR", help="Expectations other than its own.")
+@_folder("--results", help="Results other than the report's.")
+@_folder("--expected", help="Expectations other than its own.")
 @click.pass_obj
 def check_(project: Project, update: bool, results: Path | None, expected: Path | None) -> int:
     """Compare the results with the expected values."""

@@ -6,11 +6,11 @@ import re
 import shutil
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
@@ -22,7 +22,6 @@ from papermill.exceptions import PapermillExecutionError
 from reportkit.record import RESULTS_VARIABLE
 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
-_SCRATCH = re.compile(r"\.\d\d_[a-z0-9_]+-[a-z0-9_]{8}")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
 
 
@@ -115,12 +114,10 @@ def _scratch(parent: Path, stem: str) -> Iterator[Path]:
     parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         with locked(parent):  # so that no process sees a new folder that is not yet locked
-            for left in filter(lambda path: _SCRATCH.fullmatch(path.name), parent.iterdir()):
+            for left in parent.glob(".[0-9][0-9]_*-????????"):
                 with suppress(OSError), locked(left, wait=False):
                     shutil.rmtree(left, ignore_errors=True)
-            folder = tempfile.TemporaryDirectory(
-                prefix=f".{stem}-", dir=parent, ignore_cleanup_errors=True
-            )
+            folder = TemporaryDirectory("", f".{stem}-", parent, ignore_cleanup_errors=True)
             scratch = Path(stack.enter_context(folder))
             stack.enter_context(locked(scratch))
         yield scratch
@@ -141,9 +138,7 @@ def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.Not
             parameters,
             cwd=folder,  # no file of the user is imported instead of a module
             progress_bar={"leave": False} if sys.stderr.isatty() else False,
-            extra_arguments=[
-                "--log-level=CRITICAL"
-            ],  # the kernel's own log, not the notebook's output
+            extra_arguments=["--log-level=CRITICAL"],  # of the kernel's own log
         )
     except PapermillExecutionError as error:
         raise NotebookError(_explain(source, error)) from None
@@ -192,9 +187,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
         return 2
     source, results_dir = arguments
-    signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # the signal by which make ends its children
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children by it
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
     try:

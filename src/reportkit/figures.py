@@ -20,13 +20,11 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
-STYLE: dict[Any, Any] = dict(mpl.rc_params_from_file(
-    Path(__file__).with_name("report.mplstyle"), use_default_template=False
-))  # fmt: skip
+_FILE = Path(__file__).with_name("report.mplstyle")
+STYLE: dict[Any, Any] = dict(mpl.rc_params_from_file(_FILE, use_default_template=False))
 INK, FAINT = STYLE["text.color"], STYLE["grid.color"]
-PALETTE, DASHES = (
-    tuple(STYLE["axes.prop_cycle"].by_key()[name]) for name in ("color", "linestyle")
-)
+_CYCLE = STYLE["axes.prop_cycle"].by_key()
+PALETTE, DASHES = tuple(_CYCLE["color"]), tuple(_CYCLE["linestyle"])
 MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = STYLE["figure.figsize"][0]
 

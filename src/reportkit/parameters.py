@@ -23,20 +23,15 @@ import math
 import re
 import tokenize
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 _SYMBOLS = set("1 % s ms µs V A m mm µm km kg N J W mW Hz rad Ω H".split())
 _LIST = re.compile(r"(?:(?P<count>\d+)(?P<more> or more)? values, )?each (?P<range>.+)")
-_INTERVAL = re.compile(r"(?P<low>\S+) to (?P<high>\S+)|(?P<open>above|at least) (?P<least>\S+)")
 _BOOLS = {"true": True, "yes": True, "false": False, "no": False}
-_KINDS: dict[type, tuple[str, str]] = {
-    float: ("a number", "numbers"),
-    int: ("an integer", "integers"),
-    bool: ("true or false", ""),
-    str: ("a text", ""),
-}
+_KINDS = {float: "a number", int: "an integer", bool: "true or false", str: "a text"}
 
 
 class ParameterError(ValueError):
@@ -78,19 +73,14 @@ class Parameter:
         return kind
 
     @property
-    def is_path(self) -> bool:
-        """Whether the value names a file."""
-        return self.allowed == "path"
-
-    @property
     def wanted(self) -> str:
         """The allowed values in words."""
-        one, many = _KINDS[self.kind]
-        text = "a file" if self.is_path else one
+        if self.allowed == "path":
+            return "a file"
+        text = _KINDS[self.kind]
         if isinstance(self.default, list):
-            text = f"a list of {many}"
-        if self.allowed and not self.is_path:
-            text += f", {self.allowed}"
+            text = f"a list of {text.split()[1]}s"
+        text += f", {self.allowed}" if self.allowed else ""
         return text + (f" ({self.unit})" if self.unit not in (None, "1") else "")
 
     def parse(self, text: str) -> Any:
@@ -122,13 +112,12 @@ class Parameter:
             return self._checked(value, allowed, value)
         if not (match := _LIST.fullmatch(allowed)):
             raise ParameterError(f"{self.name}: {allowed!r} does not say what each value may be")
-        if not isinstance(value, list) or not value:
-            raise self._refusal(value)
-        number, least = len(value), int(match["count"] or 1)
-        if number < least or (match["count"] and not match["more"] and number > least):
+        least = int(match["count"] or 1)
+        most = least if match["count"] and not match["more"] else math.inf
+        if not isinstance(value, list) or not least <= len(value) <= most:
             raise self._refusal(value)
         values = [self._checked(one, match["range"], value) for one in value]
-        if len(set(values)) < number:
+        if len(set(values)) < len(values):
             raise ParameterError(f"{self.name} = {value}: each value only once")
         return values
 
@@ -140,8 +129,10 @@ class Parameter:
             value = float(value)
         if type(value) is not self.kind or (isinstance(value, float) and not math.isfinite(value)):
             raise self._refusal(whole)
-        if self.is_path:
-            return self._found(str(value))
+        if allowed == "path":
+            if value and not (path := Path(str(value))).is_file():
+                raise ParameterError(f"{self.name} = {value!r}: there is no such file")
+            return str(path.resolve()) if value else value
         if allowed and not self._fits(value, allowed):
             raise self._refusal(whole)
         return value
@@ -149,21 +140,15 @@ class Parameter:
     def _fits(self, value: Any, allowed: str) -> bool:
         if "|" in allowed or self.kind is str:
             return str(value) in re.split(r"\s*\|\s*", allowed)
-        match = _INTERVAL.fullmatch(allowed)
-        try:
-            if match and match["open"]:
-                least = float(match["least"])
-                return bool(value > least if match["open"] == "above" else value >= least)
-            if match:
-                return float(match["low"]) <= value <= float(match["high"])
-        except ValueError:
-            pass
+        with suppress(ValueError):
+            match allowed.split():
+                case ["above", low]:
+                    return bool(value > float(low))
+                case ["at", "least", low]:
+                    return bool(value >= float(low))
+                case [low, "to", high]:
+                    return float(low) <= value <= float(high)
         raise ParameterError(f"{self.name}: {allowed!r} is no range")
-
-    def _found(self, value: str) -> str:
-        if value and not Path(value).is_file():
-            raise ParameterError(f"{self.name} = {value!r}: there is no such file")
-        return str(Path(value).resolve()) if value else value
 
     def _refusal(self, value: Any) -> ParameterError:
         return ParameterError(f"{self.name} = {value!r}: expected {self.wanted}")
@@ -196,8 +181,7 @@ class Notebook:
             if name in values:
                 raise ParameterError(f"{name}: given twice")
             values[name] = self._parameter(name).parse(text)
-        given = {name: self._parameter(name).check(value) for name, value in table.items()}
-        return given | values
+        return {name: self._parameter(name).check(v) for name, v in table.items()} | values
 
     def _parameter(self, name: str) -> Parameter:
         if name not in self.parameters:
@@ -215,23 +199,20 @@ def read(path: Path, choices: Mapping[str, Any] | None = None) -> Notebook:
         If the file is not a notebook, or the comment of a parameter is missing or malformed.
     """
     try:
-        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-        sources = [(cell, "".join(cell["source"])) for cell in cells]
+        content = json.loads(path.read_text(encoding="utf-8"))
+        cells = [cell | {"source": "".join(cell["source"])} for cell in content["cells"]]
     except (OSError, ValueError, TypeError, LookupError) as error:
         raise ParameterError(f"{path} is not a notebook: {error!r}") from None
-    text = next((source for cell, source in sources if cell["cell_type"] == "markdown"), "")
+    text = next((cell["source"] for cell in cells if cell["cell_type"] == "markdown"), "")
     title, _, body = text.partition("\n")
     sentence = re.match(r"(?s).*?\.(?=\s+[A-Z]|\s*$)|.*", body.strip())
     summary = " ".join(sentence[0].split()).replace("$", "") if sentence else ""
-    found = {}
-    for cell, source in sources:
-        if "parameters" in cell["metadata"].get("tags", ()):
-            try:
-                found = {
-                    parameter.name: parameter for parameter in _parameters(source, choices or {})
-                }
-            except (SyntaxError, ValueError, LookupError) as error:
-                raise ParameterError(f"{path}: {error}") from None
+    tagged = (cell for cell in cells if "parameters" in cell["metadata"].get("tags", ()))
+    own = next(tagged, {"source": ""})["source"]
+    try:
+        found = {item.name: item for item in _parameters(own, choices or {})}
+    except (SyntaxError, ValueError, LookupError) as error:
+        raise ParameterError(f"{path}: {error}") from None
     return Notebook(path, title.lstrip("# "), summary, found)
 
 
@@ -268,23 +249,23 @@ def sources(folder: Path) -> list[Path]:
 
 
 def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
-    tree = ast.parse(source)
-    comments: dict[int, str] = {}
-    alone: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            comments[token.start[0]] = token.string.lstrip("#").strip()
-            if not token.line[: token.start[1]].strip():
-                alone.add(token.start[0])
+    tree, lines = ast.parse(source), ["", *source.split("\n")]
+    comments = {
+        token.start[0]: token.string.lstrip("#").strip()
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type == tokenize.COMMENT
+    }
     for node in tree.body:
         if isinstance(node, ast.ImportFrom):  # of the choices
             continue
         if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
             raise ParameterError(f"cell of parameters: {ast.unparse(node)} is no NAME = VALUE")
-        comment = comments.get(node.end_lineno or 0, "")
-        line = node.lineno - 1
-        while line in alone and node.end_lineno not in comments:
-            comment, line = f"{comments[line]} {comment}".strip(), line - 1
+        first = last = node.end_lineno or 0
+        if last not in comments:  # it stands above
+            first, last = node.lineno, node.lineno - 1
+            while lines[first - 1].startswith("#"):
+                first -= 1
+        comment = " ".join(comments[line] for line in range(first, last + 1))
         default = _default(node.value, choices)
         text, _, allowed = (part.strip() for part in comment.partition(";"))
         unit = None

@@ -4,7 +4,6 @@ import hashlib
 import platform
 import subprocess
 import sys
-from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
@@ -22,11 +21,10 @@ def software(project: Project) -> list[tuple[str, str]]:
     those of the installed distribution and its extra ``project.extra``; a report that is not
     installed requires ``project.versions``.
     """
-    wanted: Iterable[str]
     try:
-        own, wanted = metadata.version(project.name), metadata.requires(project.name) or ()
+        own, wanted = metadata.version(project.name), metadata.requires(project.name) or []
     except metadata.PackageNotFoundError:
-        own, wanted = "not installed", project.versions
+        own, wanted = "not installed", [*project.versions]
     needed = {
         one.name
         for one in map(Requirement, wanted)

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,7 @@ from reportkit import figures, text
 RESULTS_VARIABLE = "REPORT_RESULTS"
 
 Value = float | int | str | bool
+Data: TypeAlias = Mapping[str, Any] | pd.DataFrame
 
 _STUDY = re.compile(r"\d\d_[a-z0-9_]+")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
@@ -48,9 +49,7 @@ class Study:
 
     def __init__(self, name: str) -> None:
         if not _STUDY.fullmatch(name):
-            raise ValueError(
-                f"study name {name!r}: expected NN_topic, like 20_linear_step_response"
-            )
+            raise ValueError(f"study name {name!r}: expected NN_topic, like 20_step_response")
         self.name = name
         self.results = Path(os.environ.get(RESULTS_VARIABLE) or Path("runs", name))
         self.results.mkdir(parents=True, exist_ok=True)
@@ -119,12 +118,7 @@ class Study:
                 self.record(name, value, unit, **rule)
 
     def figure(
-        self,
-        key: str,
-        fig: Figure,
-        data: Mapping[str, Any] | pd.DataFrame | None = None,
-        *,
-        alt: str | None = None,
+        self, key: str, fig: Figure, data: Data | None = None, *, alt: str | None = None
     ) -> None:
         """Save a figure as ``<results>/<study>-<key>.svg``, show it and close it.
 
@@ -149,10 +143,7 @@ class Study:
         plt.close(fig)
 
     def table(
-        self,
-        key: str,
-        rows: pd.DataFrame | Iterable[Any],
-        columns: Sequence[str] | None = None,
+        self, key: str, rows: pd.DataFrame | Iterable[Any], columns: Sequence[str] | None = None
     ) -> None:
         """Save a table for ``{include}`` as ``<results>/<study>-<key>.md`` and show it.
 
@@ -171,16 +162,11 @@ class Study:
         ValueError
             If the key is malformed or taken, or a column has no heading.
         """
-        frame = (
-            rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows), columns=columns)
-        )
+        frame = pd.DataFrame(rows, columns=columns)
         if not all(str(name).strip() for name in frame.columns):
             raise ValueError(f"table {key}: a heading is missing in {list(frame.columns)}")
-        right = [
-            n
-            for n in range(frame.shape[1])
-            if sum(bool(_NUMBER.match(str(cell))) for cell in frame.iloc[:, n]) > len(frame) / 2
-        ]
+        numeric = frame.map(lambda cell: bool(_NUMBER.match(str(cell))))
+        right = np.flatnonzero(numeric.mean() > 0.5)
         table = text.markdown_table(list(frame), frame.itertuples(index=False), right)
         text.write(self._new(key, "md"), table)
         display(Markdown(table))

@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import nbformat
 import pandas as pd
@@ -17,17 +17,9 @@ from reportkit.parameters import Notebook
 from reportkit.project import Project
 
 
-class Rerun(NamedTuple):
-    """The folder of a rerun, the comparison, and the notebook's messages on standard error."""
-
-    folder: Path
-    comparisons: list[Comparison]
-    complaints: list[str]
-
-
 def rerun(
     notebook: Notebook, parameters: Mapping[str, Any], parent: Path, project: Project
-) -> Rerun:
+) -> tuple[Path, list[Comparison], list[str]]:
     """Execute a notebook and put everything it makes into a new folder ``NN_topic-<time>``.
 
     The folder appears as a whole when all is done. Several reruns into one `parent` at a time do
@@ -43,6 +35,15 @@ def rerun(
         The folder of the new folder; made if missing.
     project : Project
         The report, whose published values are compared.
+
+    Returns
+    -------
+    folder : path
+        The new folder.
+    comparisons : list of Comparison
+        Recorded and published values; empty if none are published.
+    complaints : list of str
+        Messages of the notebook on standard error.
 
     Raises
     ------
@@ -66,7 +67,7 @@ def rerun(
         text = page.render(notebook, outputs, parameters, comparisons, started, project)
         (new / f"{name}.html").write_text(text, encoding="utf-8")
         folder = _publish(new, parent, f"{name}-{started:%Y%m%d-%H%M%S}")
-    return Rerun(folder, comparisons, complaints)
+    return folder, comparisons, complaints
 
 
 COLUMNS = ["name", "published", "got", "difference", "relative difference", "unit", "changed"]

@@ -13,16 +13,13 @@ def link_data(app: Sphinx, doctree: nodes.document) -> None:
     """Append to the caption of ``NN_topic-key.svg`` a link to ``NN_topic-key.csv``, if any."""
     page = Path(app.srcdir, app.env.docname)
     for figure in doctree.findall(nodes.figure):
-        for image, caption in zip(
-            figure.findall(nodes.image), figure.findall(nodes.caption), strict=False
-        ):
-            uri = image["uri"]
-            data = Path(uri).with_suffix(".csv")
-            # at this stage paths are still relative to the page
-            if uri.endswith(".svg") and (page.parent / data).is_file():
-                link = addnodes.download_reference(
-                    "", "", nodes.Text("Data (CSV)"), reftarget=data.as_posix()
-                )
+        image, caption = figure.next_node(nodes.image), figure.next_node(nodes.caption)
+        if image and caption:
+            drawing = Path(image["uri"])  # at this stage still relative to the page
+            data = drawing.with_suffix(".csv")
+            if drawing.suffix == ".svg" and (page.parent / data).is_file():
+                text = nodes.Text("Data (CSV)")
+                link = addnodes.download_reference("", "", text, reftarget=data.as_posix())
                 caption += [nodes.Text(" "), link]
 
 
@@ -35,8 +32,7 @@ def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Connect to Sphinx, before it collects the images and the files to download."""
-    app.add_node(
-        nodes.citation, override=True, html=(visit_citation, HTMLTranslator.depart_citation)
-    )
+    visitors = visit_citation, HTMLTranslator.depart_citation
+    app.add_node(nodes.citation, override=True, html=visitors)
     app.connect("doctree-read", link_data, priority=100)
     return {"version": "1", "parallel_read_safe": True}

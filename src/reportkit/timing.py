@@ -3,7 +3,9 @@
 import gc
 import os
 import platform
+import re
 import time
+import timeit
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -25,41 +27,24 @@ CLOCKS: dict[str, Clock] = {"process_time": time.process_time, "thread_time": ti
 class Timing:
     """Repeated measurements of the processor time of some functions; see `measure`."""
 
-    names: tuple[str, ...]
-    seconds: np.ndarray  #: (repetitions, functions), of one call
-    calls: np.ndarray  #: (repetitions, functions), calls that the measurement is the mean of
-    place: np.ndarray  #: (repetitions, functions), in the order of the repetition, from 0
+    #: Each measurement, in the order in which they were taken: its repetition and its place in
+    #: that, the function, the number of calls, and the seconds of one call as their mean.
+    frame: pd.DataFrame
     clock: str
     resolution: float  #: s, of the clock, as measured
 
     @property
     def median(self) -> dict[str, float]:
         """Median seconds of one call, by name."""
-        return dict(zip(self.names, np.median(self.seconds, axis=0).tolist(), strict=True))
-
-    def quartiles(self, name: str) -> tuple[float, float, float]:
-        """Lower quartile, median and upper quartile of the seconds of one function."""
-        return _quartiles(self.of(name))
-
-    def ratios(self, name: str, to: str) -> tuple[float, float, float]:
-        """Quartiles and median, as in `quartiles`, of the ratios within each repetition."""
-        return _quartiles(self.of(name) / self.of(to))
+        return self.frame.groupby("function")["seconds"].median().to_dict()
 
     def of(self, name: str) -> np.ndarray:
         """Seconds (repetitions,) of one function."""
-        return self.seconds[:, self.names.index(name)]
+        return self.frame.groupby("function")["seconds"].get_group(name).to_numpy()
 
-    def frame(self) -> pd.DataFrame:
-        """Every measurement, in the order in which they were taken; to be kept as CSV."""
-        repetition, column = np.indices(self.seconds.shape)
-        columns = {
-            "repetition": repetition.ravel(),
-            "place": self.place.ravel(),
-            "function": np.array(self.names)[column.ravel()],
-            "calls": self.calls.ravel(),
-            "seconds": self.seconds.ravel(),
-        }
-        return pd.DataFrame(columns).sort_values(["repetition", "place"], ignore_index=True)
+    def ratios(self, name: str, to: str) -> list[float]:
+        """Lower quartile, median and upper quartile of the ratios within each repetition."""
+        return np.quantile(self.of(name) / self.of(to), [0.25, 0.5, 0.75]).tolist()
 
 
 def measure(
@@ -106,36 +91,30 @@ def measure(
         If there is no function, or the number of repetitions is not positive.
     """
     if not functions or repetitions < 1:
-        raise ValueError(
-            f"{len(functions)} functions and {repetitions} repetitions; at least 1 is needed"
-        )
+        given = f"{len(functions)} functions and {repetitions} repetitions"
+        raise ValueError(f"{given}; at least 1 is needed")
     resolutions = {name: resolution(clock) for name, clock in clocks.items()}
-    chosen, finest = next(iter(clocks)), min(resolutions, key=resolutions.__getitem__)
-    if 2 * resolutions[finest] < resolutions[chosen]:
-        chosen = finest
+    first = next(iter(clocks))
+    chosen = min(clocks, key=lambda name: resolutions[name] * (1 if name == first else 2))
     clock, least = clocks[chosen], max(shortest, RESOLUTIONS * resolutions[chosen])
-    names, todo = tuple(functions), list(functions.values())
-    shape = repetitions, len(todo)
-    seconds, calls, place = np.empty(shape), np.ones(shape, int), np.empty(shape, int)
-    counts = np.ones(len(todo), int)
-    random, collecting = np.random.default_rng(seed), gc.isenabled()
-    for function in todo if warm_up else ():
+    random, counts = np.random.default_rng(seed), dict.fromkeys(functions, 1)
+    for function in functions.values() if warm_up else ():
         function()
+    rows = []
     gc.freeze()  # existing objects are not searched in every collection
     try:
         for n in range(repetitions):
             gc.collect()
-            gc.disable()
-            for position, which in enumerate(random.permutation(len(todo))):
-                counts[which], total = _long_enough(todo[which], counts[which], clock, least)
-                calls[n, which], place[n, which] = counts[which], position
-                seconds[n, which] = total / counts[which]
+            for place, name in enumerate(random.permutation(list(functions)).tolist()):
+                timer = timeit.Timer(functions[name], timer=clock)  # no garbage is collected in it
+                while (total := timer.timeit(counts[name])) < least:
+                    counts[name] *= 2
+                rows.append([n, place, name, counts[name], total / counts[name]])
                 progress(1)
     finally:
         gc.unfreeze()
-        if collecting:
-            gc.enable()
-    return Timing(names, seconds, calls, place, chosen, resolutions[chosen])
+    frame = pd.DataFrame(rows, columns=["repetition", "place", "function", "calls", "seconds"])
+    return Timing(frame, chosen, resolutions[chosen])
 
 
 def resolution(clock: Clock, samples: int = 100) -> float:
@@ -162,9 +141,9 @@ def spent() -> float:
 def processor() -> str:
     """Return the name of the processor, as far as the system tells it."""
     cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
-    models = (line.partition(": ")[2] for line in lines if line.startswith("model name"))
-    return next(models, "") or platform.processor() or platform.machine()
+    text = cpuinfo.read_text(encoding="utf-8") if cpuinfo.exists() else ""
+    model = re.search(r"^model name\s*: (.+)", text, re.MULTILINE)
+    return model[1] if model else platform.processor() or platform.machine()
 
 
 def computer() -> str:
@@ -183,25 +162,6 @@ def machine(
         Installed packages whose versions matter.
     """
     versions = [f"{name} {metadata.version(name)}" for name in packages]
-    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
     software = ", ".join([f"Python {platform.python_version()}", *versions])
+    load = f"{os.getloadavg()[0]:.1f}"
     return pd.DataFrame([{"machine": computer(), "software": software, "load": load}])
-
-
-def _long_enough(
-    function: Callable[[], object], count: int, clock: Clock, least: float
-) -> tuple[int, float]:
-    """Call a function `count` times, and double this until the calls take long enough."""
-    while True:
-        begin = clock()
-        for _ in range(count):
-            function()
-        total = clock() - begin
-        if total >= least:
-            return count, total
-        count *= 2
-
-
-def _quartiles(values: np.ndarray) -> tuple[float, float, float]:
-    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75]).tolist()
-    return low, middle, high

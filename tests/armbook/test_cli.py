@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from armbook.cli import main
-from armsim.choices import CHOICES
 from reportkit.parameters import read, sources
+from reportkit.project import Project
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 
@@ -32,7 +32,7 @@ def test_list_shows_every_notebook_in_eighty_columns(capsys, monkeypatch):
 
 @pytest.mark.parametrize("path", sources(NOTEBOOKS), ids=lambda path: path.stem)
 def test_parameters_of_the_report_are_described(path):
-    found = read(path, CHOICES)
+    found = read(path, Project.find(path).read_choices())
     assert found.title
     assert found.summary.endswith(".")
     assert found.parameters

@@ -108,8 +108,8 @@ def test_failures_that_differ_in_numbers_are_one():
 def test_the_papers_metric_is_the_size_of_a_change():
     """Five repetitions, two of them slower and three faster: 10, 20, 30, 40 and 50 per cent."""
     seconds = np.array([[1.0, 1.5], [1.0, 0.9], [2.0, 2.4], [1.0, 0.7], [4.0, 2.4]])
-    whole = np.ones(seconds.shape, int)
-    timing = Timing(("prior", "new"), seconds, whole, whole, "process_time", 1e-9)
+    frame = pd.DataFrame({"function": ["prior", "new"] * 5, "seconds": seconds.ravel()})
+    timing = Timing(frame, "process_time", 1e-9)
     assert cpu_change(timing, "new", "prior") == pytest.approx([20, 30, 40])
 
 

@@ -1,17 +1,23 @@
-"""Tests of the drawn figures: complete, and nothing lies on something else."""
+"""Tests of the drawn figures: complete, and nothing lies on something else; and of the trees."""
 
 import re
+import runpy
 from itertools import combinations, pairwise
+from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 
-from armbook import drawings
+from armbook.drawings import rooted_tree
 from reportkit import figures
 
+FIGURES = Path(__file__).parents[2] / "book" / "figures"
+drawings = SimpleNamespace(**runpy.run_path(str(FIGURES / "draw.py")))
 DRAWINGS = [drawings.arm_axes, drawings.block_diagram]
 SYMBOLS = (
     "R_a L_a K_b J_m B_m K_t r_g H M T_z T_p T_r K_1 K_2 K_i K_e V_M V_L B_a b_g K_g F_0 v "
@@ -96,6 +102,13 @@ def test_same_bytes_each_time_in_any_style(draw, tmp_path):
     assert len(one) < 200_000
 
 
+def test_committed_drawings_are_those_of_the_script(tmp_path):
+    drawings.main(tmp_path)
+    made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert made == {path.name: path.read_bytes() for path in FIGURES.glob("*.svg")}
+    assert len(made) == len(DRAWINGS)
+
+
 def test_every_symbol_of_the_model_is_in_the_diagram():
     found = set()
     for text, _ in texts(drawings.block_diagram()):
@@ -163,3 +176,16 @@ def test_wires_pass_beside_blocks_and_cross_once_over_a_bridge():
 def test_arm_axes_names_its_five_motions():
     words = {text for text, _ in texts(drawings.arm_axes())}
     assert {"$x$", "$y$", "$z$", "pitch", "roll"} <= words
+
+
+def test_tree_has_an_edge_above_each_node_but_the_root():
+    """The tree with branches of one and of two nodes: a node carries it, its child, or both."""
+    ax = Figure().subplots()
+    tree = ((), ((),))
+    rooted_tree(ax, tree, "red")
+    *edges, nodes, root = (line.get_xydata().tolist() for line in ax.lines)
+    assert len(nodes) == 4
+    assert root == [[0, 0]]
+    assert sorted(upper for _, upper in edges) == sorted(node for node in nodes if node != root[0])
+    assert all(upper[1] == lower[1] + 1 for lower, upper in edges)
+    assert {line.get_color() for line in ax.lines} == {"red"}

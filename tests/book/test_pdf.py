@@ -72,7 +72,7 @@ def test_it_is_tagged_and_says_what_it_is(book):
 
 def test_formulas_are_drawn_and_numbers_are_there(book):
     """Read up to the notebooks, whose code has formulas as text."""
-    (notebooks,) = [e for e in entries(book.outline) if e.title.startswith("The model: drawings")]
+    (notebooks,) = [e for e in entries(book.outline) if e.title == "The model: parameters"]
     pages = book.pages[: book.get_destination_page_number(notebooks)]
     assert len(pages) > 50
     text = "\n".join(page.extract_text() for page in pages)
