@@ -365,3 +365,22 @@ def test_a_change_of_the_gear_force_reaches_the_problems_without_make(tmp_path):
     after, hits_of_it = run(FLOW, copy, **folder)
     assert hits_of_it == "0"
     assert float(after) != float(before)
+
+
+NO_MODULE = """
+from numba import njit
+from armsim.methods import integrate, tableaux
+
+@njit
+def rhs(t, y):
+    return (-y[0],)
+
+print(f"{integrate(rhs, (0, 1), [1.0], tableaux.RK6, 0.1).y[0, -1]:.5f}")
+"""
+
+
+def test_code_of_a_script_that_is_no_module_is_compiled_again(tmp_path):
+    (tmp_path / "script.py").write_text(NO_MODULE, encoding="utf-8")
+    code = f"import runpy; runpy.run_path({str(tmp_path / 'script.py')!r})"
+    for _ in range(2):
+        assert run(code, NUMBA_CACHE_DIR=str(tmp_path / "cache")) == ["0.36788"]

@@ -92,8 +92,6 @@ def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
 
 
 def _function_parts(function: FunctionType, seen: dict[int, int]) -> Iterator[str]:
-    if function.__module__ not in sys.modules:  # a script that runpy runs; it cannot be found again
-        raise _Unknown(function)
     yield from _parts(function.__defaults__ or (), seen)
     for cell in function.__closure__ or ():
         yield from _parts(cell.cell_contents, seen)
@@ -166,7 +164,7 @@ class _Files(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
-        with suppress(OSError, _Unknown):
+        with suppress(OSError, ImportError, _Unknown):  # a script that runpy runs is no module
             data = self._file(sig, target_context.codegen()).read_bytes()
             return CompileResult._rebuild(target_context, *pickle.loads(data))
         return None
@@ -237,28 +235,24 @@ def kept(**options: Any) -> Callable[[Callable], Callable]:
     return compiled
 
 
-def generated(source: str, label: str, names: dict[str, Any], **options: Any) -> Callable:
+def generated(source: str, names: dict[str, Any], **options: Any) -> Callable:
     """Compile the one function that a source defines, and keep its code as `kept` does.
+
+    Of the same source, only the newest code is kept for compiled functions of the same files and
+    names.
 
     Parameters
     ----------
     source : str
         Python source of one function.
-    label : str
-        What the function is made for: of the same label, only the newest code is kept.
     names : dict
         Global names that the source uses.
     **options
         Of `numba.njit`.
     """
-    place = hashlib.sha256(f"{source}{label}".encode()).hexdigest()[:16]
+    codes = [value.py_func.__code__ for value in names.values() if is_jitted(value)]
+    place = _digest([source, *(f"{code.co_filename} {code.co_qualname}" for code in codes)])[:16]
     namespace = names | {"__name__": __name__}
     exec(compile(source, f"<generated {place}>", "exec"), namespace)
     (name,) = set(namespace) - set(names) - {"__name__", "__builtins__"}
     return kept(**options)(namespace[name])
-
-
-def label(function: Any) -> str:
-    """Where a compiled function is from: its file and its name."""
-    code = function.py_func.__code__
-    return f"{code.co_filename} {function.py_func.__qualname__}"

@@ -21,7 +21,7 @@ from armsim.checks import IntegrationError
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
-from armsim.machine_code import generated, kept, label
+from armsim.machine_code import generated, kept
 
 #: Largest number of events at one time; more are taken as endless switching.
 AT_ONCE = 25
@@ -353,14 +353,8 @@ class System:
 
     @cached_property
     def _run(self) -> Callable[..., Record]:
-        names = {
-            "solve": solve,
-            "equations": self.equations,
-            "successor": self.successor,
-            "given": given,
-        }
-        made_for = f"{label(self.equations)} {label(self.successor)}"
-        return generated(_RUN, made_for, names, **OPTIONS)
+        system = {"equations": self.equations, "successor": self.successor}
+        return generated(_RUN, system | {"solve": solve, "given": given}, **OPTIONS)
 
     def solve(
         self,

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armsim import machine_code
-from armsim.machine_code import label
 from armsim.methods.tableaux import Tableau
 
 
@@ -230,6 +229,5 @@ def compiled_loop(
 ) -> Callable:
     """Compile the loop around a compiled `fun`; the code is cached on disk where possible."""
     source = _source(tableau, size, form, adaptive)
-    return machine_code.generated(
-        source, label(fun), _NAMES | {"fun": fun}, fastmath={"contract"}, error_model="numpy"
-    )
+    names = _NAMES | {"fun": fun}
+    return machine_code.generated(source, names, fastmath={"contract"}, error_model="numpy")
