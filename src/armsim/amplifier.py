@@ -15,14 +15,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from scipy.constants import c
 from scipy.integrate import solve_ivp
 from scipy.special import wofz
 
-from armsim.checks import IntegrationError, checked_number
+from armsim.checks import IntegrationError, checked_count, checked_number
 from armsim.machine_code import kept
 from armsim.methods import integrate, tableaux
 from armsim.methods.runge_kutta import Form
@@ -111,8 +111,7 @@ class RamanAmplifier:
                 f"{len(self.pump_wavelengths)} pump_wavelengths and {len(self.pump_powers)} "
                 "pump_powers: one power is needed for each pump"
             )
-        if self.channels < 1:
-            raise ValueError(f"channels = {self.channels!r}: at least 1 is needed")
+        checked_count("channels", self.channels)
         for name in ("channel_power", "length", "effective_area", "peak_gain"):
             checked_number(name, getattr(self, name), above=0.0)
 
@@ -131,8 +130,7 @@ class RamanAmplifier:
     def loss(self) -> np.ndarray:
         """α of each wave, 1/m."""
         wavelength = c / self.frequency
-        decibels = self.rayleigh / wavelength**4
-        decibels += self.infrared * np.exp(-48.48e-6 / wavelength)
+        decibels = self.rayleigh / wavelength**4 + self.infrared * np.exp(-48.48e-6 / wavelength)
         return decibels * np.log(10) / 10
 
     @cached_property
@@ -163,10 +161,7 @@ class RamanAmplifier:
     @cached_property
     def solution(self) -> Callable[[np.ndarray | float], np.ndarray]:
         """Powers in W as a function of the position in m, to a dozen digits: DOP853 for ln P."""
-        run = solve_ivp(
-            log_rhs, (0.0, self.length), np.log(self.input_power), "DOP853", args=self.args,
-            rtol=1e-13, atol=1e-14, dense_output=True,
-        )  # fmt: skip
+        run = self._for_logarithms("DOP853", 1e-14, dense_output=True)
         return lambda z: np.exp(run.sol(z))
 
     @cached_property
@@ -187,9 +182,8 @@ class RamanAmplifier:
         """
         power = self.output_power
         coupling = power[:, None] * self.gain.T
-        jacobians = np.diag(growth_rate(power, *self.args)) + coupling, coupling
-        of_power, of_logarithm = (float(np.abs(np.linalg.eigvals(J)).max()) for J in jacobians)
-        return of_power, of_logarithm
+        of_power = np.linalg.eigvals(np.diag(growth_rate(power, *self.args)) + coupling)
+        return float(np.abs(of_power).max()), float(np.abs(np.linalg.eigvals(coupling)).max())
 
     def error(self, power: np.ndarray) -> float:
         """Largest relative error of the powers that a method finds at the end of the fibre."""
@@ -223,9 +217,13 @@ class RamanAmplifier:
 
     def by_scipy_for_logarithms(self, method: str, rtol: float) -> tuple[int, np.ndarray]:
         """Return the same from the equations for ln P, where `rtol` is an absolute tolerance."""
-        span, start = (0.0, self.length), np.log(self.input_power)
-        run = solve_ivp(log_rhs, span, start, method, args=self.args, rtol=1e-13, atol=rtol)
+        run = self._for_logarithms(method, rtol)
         return run.nfev, np.exp(run.y[:, -1])
+
+    def _for_logarithms(self, method: str, atol: float, **options: Any) -> Any:
+        span, start = (0.0, self.length), np.log(self.input_power)
+        how = {"args": self.args, "rtol": 1e-13, "atol": atol} | options
+        return solve_ivp(log_rhs, span, start, method, **how)
 
     def steps_for(self, target: float, method: Tableau, form: Form) -> float:
         """Fewest steps with which the output powers err by at most `target`; see `fewest`."""

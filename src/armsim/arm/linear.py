@@ -18,6 +18,7 @@ import numpy as np
 
 from armsim.arm.dynamics import Region, affine
 from armsim.arm.parameters import AxisParameters
+from armsim.checks import checked_number
 
 #: Region of steady motion forwards: no limit in force, teeth engaged, no static friction.
 ENGAGED = Region(preamplifier=0, power=0, contact=1, friction=0)
@@ -39,14 +40,12 @@ class LinearAxis:
     @property
     def J(self) -> float:
         """Inertia of motor and arm at the motor's shaft, kg m²."""
-        p = self.parameters
-        return p.J_m + p.r_g**2 * p.M
+        return self.parameters.J_m + self.parameters.r_g**2 * self.parameters.M
 
     @property
     def B(self) -> float:
         """Rotational friction of motor and arm at the motor's shaft, N m s/rad."""
-        p = self.parameters
-        return p.B_m + p.r_g**2 * p.B_a
+        return self.parameters.B_m + self.parameters.r_g**2 * self.parameters.B_a
 
     def state_space(self) -> tuple[np.ndarray, np.ndarray]:
         """Matrices of ẋ = A x + B U for x = (y2, y3, y4, y5).
@@ -75,8 +74,7 @@ class LinearAxis:
         Coefficients of falling powers of s, for instance for `scipy.signal.TransferFunction`.
         """
         p = self.parameters
-        lead = np.array([p.T_z, 1.0])
-        gain = p.K_i * p.K_b
+        lead, gain = np.array([p.T_z, 1.0]), p.K_i * p.K_b
         lags = np.polymul([p.T_p, 1.0], [p.T_r, 1.0])
         loop = np.polymul([self.J, self.B], lags)
         return p.r_g * p.K_1 * gain * lead, np.polyadd(loop, p.K_2 * p.K_t * gain * lead)
@@ -96,15 +94,14 @@ class LinearAxis:
             partial fractions lose all digits, or if a pole is 0, so that the velocity has no
             final value.
         """
-        if not np.isfinite(set_velocity):
-            raise ValueError(f"set_velocity = {set_velocity!r} is not allowed; it must be finite")
+        checked_number("set_velocity", set_velocity)
         numerator, denominator = self.transfer_function
         if denominator[-1] == 0:
             raise ValueError(
                 "K_2 = B_m = B_a = 0: the velocity grows without end; give one a value"
             )
         poles = np.roots(denominator)
-        gaps = np.abs(poles[:, None] - poles[None, :]) + np.diag(np.full(len(poles), np.inf))
+        gaps = np.abs(poles - np.roll(poles, 1))  # of three poles, these are all pairs
         if gaps.min() < 1e-7 * np.abs(poles).max():
             raise ValueError(
                 f"poles {poles} nearly coincide, so the partial fractions are ill-conditioned; "
@@ -152,12 +149,13 @@ class StepResponse:
         if not 0 < criterion < 1:
             raise ValueError(f"criterion = {criterion!r} is not allowed; it must be in (0, 1)")
         band = criterion * abs(self.final)
+
+        def excess(t: np.ndarray | float) -> np.ndarray:
+            return np.abs(self.velocity(t) - self.final) - band
+
         t = self._grid(band)
-        outside = np.abs(self.velocity(t) - self.final) > band
-        last = int(np.flatnonzero(outside)[-1])
-        return float(
-            brentq(lambda s: abs(self.velocity(s) - self.final) - band, t[last], t[last + 1])
-        )
+        last = np.flatnonzero(excess(t) > 0)[-1]
+        return float(brentq(excess, t[last], t[last + 1]))
 
     def peak_current(self) -> float:
         """Largest magnitude of the motor current in A; in the model it starts from zero."""
@@ -165,11 +163,8 @@ class StepResponse:
 
         t = self._grid(1e-6 * abs(self.final))
         top = int(np.argmax(np.abs(self.current(t))))
-        low, high = t[max(top - 1, 0)], t[min(top + 1, len(t) - 1)]
-        best = minimize_scalar(
-            lambda s: -abs(float(self.current(s))), (low, high), (low, high), method="bounded",
-            options={"xatol": 1e-12},
-        )  # fmt: skip
+        ends, fine = (t[max(top - 1, 0)], t[min(top + 1, len(t) - 1)]), {"xatol": 1e-12}
+        best = minimize_scalar(lambda s: -abs(self.current(s)), bounds=ends, options=fine)
         return -float(best.fun)
 
     def _modes(self, function: Callable, weights: np.ndarray, t: Any) -> np.ndarray:

@@ -54,12 +54,12 @@ class Measurement:
     acceleration: np.ndarray
 
     def __post_init__(self) -> None:
-        for item in dataclasses.fields(self):
-            object.__setattr__(self, item.name, np.array(getattr(self, item.name), dtype=float))
-        shapes = {getattr(self, item.name).shape for item in dataclasses.fields(self)}
-        if len(shapes) > 1 or len(next(iter(shapes))) != 1:
+        columns = {name: np.array(values, dtype=float) for name, values in vars(self).items()}
+        shapes = {column.shape for column in columns.values()}
+        if shapes != {(columns["t"].size,)}:
             raise ValueError(f"the five columns have shapes {shapes}; five rows (n,) are needed")
-        for sample, text in faults(np.array(dataclasses.astuple(self))):
+        vars(self).update(columns)
+        for sample, text in faults(np.array([*columns.values()])):
             raise ValueError(text if sample is None else f"sample {sample}: {text}")
 
     @property
@@ -71,8 +71,8 @@ class Measurement:
     def schedule(self) -> Schedule:
         """Set velocity as `armsim.arm.simulate` takes it, in the time `elapsed`."""
         change = np.flatnonzero(np.diff(self.set_velocity, prepend=np.nan) != 0)
-        pairs = zip(self.elapsed[change], self.set_velocity[change], strict=True)
-        return tuple((float(time), float(volts)) for time, volts in pairs)
+        times, volts = self.elapsed[change].tolist(), self.set_velocity[change].tolist()
+        return tuple(zip(times, volts, strict=True))
 
     @property
     def signals(self) -> np.ndarray:

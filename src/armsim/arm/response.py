@@ -201,10 +201,10 @@ def step_quality(p: AxisParameters, volts: float = 10.0, t_end: float = 6.0) -> 
     t_end : float
         Length of the run in s.
     """
-    run, final, length = simulate(p, volts, min(t_end, 1.0)), 0.1 * volts, min(t_end, 1.0)
+    run, final = simulate(p, volts, min(t_end, 1.0)), 0.1 * volts
     if len(run.events) <= BUZZING:
-        run, length = simulate(p, volts, t_end), t_end
-    t = np.linspace(0, length, 4001)
+        run = simulate(p, volts, t_end)
+    t = np.linspace(0, run.t_end, 4001)
     velocity = run(t)[1]
     settling = settling_time(t, velocity, final, SETTLED * abs(final))
     return StepQuality(settling, float((velocity / final).max() - 1), *loop_ringing(run))

@@ -63,7 +63,7 @@ def fixed_step_solver(
             self,
             fun: Callable,
             t0: float,
-            y0: np.ndarray,
+            y0: Any,
             t_bound: float,
             vectorized: bool = False,
             **unused: Any,
@@ -79,10 +79,9 @@ def fixed_step_solver(
             self.taken += 1
             end = self.start + self.direction * self.taken * step_size
             end = self.t_bound if self.taken >= self.steps else end
-            span = (self.t, end)
             once = abs(end - self.t) * (1 + 1e-6)  # one step despite rounding
             try:
-                run = integrate(self.fun, span, self.y, tableau, once, form, shift=shift)
+                run = integrate(self.fun, (self.t, end), self.y, tableau, once, form, shift=shift)
             except IntegrationError as error:
                 return False, str(error)
             self.t, self.y_old, self.y = end, self.y, run.y[:, -1]
