@@ -1,4 +1,4 @@
-"""Files of an axis: records of its motion as CSV, its constants and instruments as TOML."""
+"""Files of an axis: records of motion as CSV, constants and instruments as TOML."""
 
 import csv
 import dataclasses
@@ -20,7 +20,7 @@ _HEADER = ",".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
 
 
 class FileError(ValueError):
-    """An error in a file, in one line with the file's name and the row."""
+    """Error in a file; the message is one line and names the file and the row."""
 
 
 # --- records ------------------------------------------------------------------------------------
@@ -34,13 +34,13 @@ def read_measurement(path: str | Path) -> Measurement:
     path : path-like
         CSV in UTF-8 with the columns ``time [s]``, ``set_velocity [V]``, ``position [m]``,
         ``velocity [m/s]`` and ``acceleration [m/s^2]`` in any order, see `Measurement`. Empty
-        lines and lines that start with ``#`` are passed over.
+        lines and lines that start with ``#`` are skipped.
 
     Raises
     ------
     FileError
-        If a column, a unit, a row or a number is missing or wrong; the message names the file and
-        the row, counted from 1 as in an editor.
+        If a column, unit, row or number is missing or wrong. Rows are counted from 1, as in an
+        editor.
     OSError
         If the file cannot be read.
     """
@@ -65,7 +65,7 @@ def read_measurement(path: str | Path) -> Measurement:
 
 
 def write_measurement(path: str | Path, measurement: Measurement, comment: str = "") -> None:
-    """Write a record that `read_measurement` gives back number for number.
+    """Write a record that `read_measurement` reads without loss.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def write_measurement(path: str | Path, measurement: Measurement, comment: str =
     measurement : Measurement
         The record.
     comment : str
-        Text for the head of the file, a ``#`` before each line.
+        Text for the top of the file; each line is prefixed with ``#``.
     """
     head = [f"# {line}".rstrip() for line in comment.splitlines()]
     rows = np.array(dataclasses.astuple(measurement)).T.tolist()
@@ -83,7 +83,7 @@ def write_measurement(path: str | Path, measurement: Measurement, comment: str =
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Cells of each line that counts, with its number in the file."""
+    """Yield the row number and the cells of each line that is not empty or a comment."""
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -129,14 +129,14 @@ def _number(cell: str, name: str) -> float:
 
 
 def read_axis(path: str | Path) -> tuple[AxisParameters, Instrument]:
-    """Read the constants of an axis and the noise of its instruments.
+    """Read the parameters of an axis and the noise of its instruments.
 
     Parameters
     ----------
     path : path-like
-        TOML with the tables ``[axis]``, the fields of `AxisParameters` (``K_1`` may be left out),
-        and ``[instrument]``, those of `Instrument`. With ``choices = "x"`` in ``[axis]``, values
-        that are not given come from that axis in ``data/choices.toml``.
+        TOML with the tables ``[axis]``, which has the fields of `AxisParameters` (``K_1`` is
+        optional), and ``[instrument]``, which has those of `Instrument`. With ``choices = "x"`` in
+        ``[axis]``, missing values are taken from that axis in ``data/choices.toml``.
 
     Raises
     ------

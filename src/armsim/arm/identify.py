@@ -9,7 +9,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -443,26 +443,19 @@ def bootstrap(
         If a refit fails.
     """
     checked_count("n", n, least=2)
-    ideal = fit.problem.model([fit.logarithms])[0]
+    problem, start = fit.problem, fit.logarithms
     # Bias and drift are eliminated from the residuals, so the records omit them.
-    slopes = fit.problem.jacobian(fit.logarithms)  # the same for every record
-    run = partial(_refit, fit.problem, fit.logarithms, ideal, slopes)
-    values = parallel.each(run, np.random.SeedSequence(seed).spawn(n), progress)
+    ideal, slopes = problem.model([start])[0], problem.jacobian(start)  # the same for every record
+
+    def refit(stream: np.random.SeedSequence) -> np.ndarray:
+        noise = np.random.default_rng(stream).standard_normal(ideal.shape)
+        seen = (ideal + noise) * problem.instrument.deviations
+        columns = dict(zip(SIGNALS, seen, strict=True))
+        record = dataclasses.replace(problem.measurement, **columns)
+        return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
+
+    values = parallel.each(refit, np.random.SeedSequence(seed).spawn(n), progress)
     return Bootstrap(fit.names, np.array(values))
-
-
-def _refit(
-    problem: Problem,
-    start: np.ndarray,
-    ideal: np.ndarray,
-    slopes: np.ndarray,
-    seed: np.random.SeedSequence,
-) -> np.ndarray:
-    noise = np.random.default_rng(seed).standard_normal(ideal.shape)
-    seen = (ideal + noise) * problem.instrument.deviations
-    columns = dict(zip(SIGNALS, seen, strict=True))
-    record = dataclasses.replace(problem.measurement, **columns)
-    return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
 
 
 # --- model check --------------------------------------------------------------------------------

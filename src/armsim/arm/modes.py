@@ -186,10 +186,11 @@ def run(numbers, starts, inputs, t_end, y0, limits):
 
 
 @_kept
-def states(record, times, numbers, y):
-    """Set `y` (7, n) to the states y0 … y6 of a run at `times` (n,)."""
+def states(numbers, record, times):
+    """Return the states y0 … y6 (7, n) of a run at `times` (n,)."""
+    y, r_g = np.empty((7, times.size)), _named(numbers).r_g
     piecewise_affine.sample(record, times, y)
-    r_g = _named(numbers).r_g
     for j in range(times.size):
         x, y[1, j] = y[1, j], y[2, j]
         y[2, j] = (x + y[0, j]) / r_g
+    return y

@@ -25,7 +25,7 @@ from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number
 from armsim.exact import crossing
-from armsim.exact.piecewise_affine import Event, ExactSolution, Record, require_finished
+from armsim.exact.piecewise_affine import Event, ExactSolution, require_finished
 from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
 
@@ -314,14 +314,8 @@ def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
     numbers, limits = np.array(constants(p)), (MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH)
     record = modes.run(numbers, *task, limits)
     require_finished(record, *_TO_NAMES)
-    states = partial(_states, numbers)
+    states = partial(modes.states, numbers)
     return ExactSolution(record, task.t_end, states, *_TO_NAMES, task.schedule)
-
-
-def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
-    y = np.empty((7, times.size))
-    modes.states(record, times, numbers, y)
-    return y
 
 
 @cache
@@ -329,7 +323,6 @@ def _get_ready() -> None:
     """Compile the solver or load it from disk; print a notice if this takes long."""
     text = "armsim: compiling the exact solver, once per installation; half a minute or so"
     timer = threading.Timer(2.0, print, (text,), {"file": sys.stderr, "flush": True})
-    timer.daemon = True
     timer.start()
     try:
         _exact(AxisParameters.paper_x_axis(), _checked(0.0, None, 1e-9, None))(0.0)
@@ -374,9 +367,9 @@ def _raise_if_beyond_bound(run: Steps, method: str) -> None:
     volts = max(abs(u) for _, u in run.schedule)
     largest = p.K_1 * volts + p.K_2 * p.K_t * np.abs(run.y[3]).max()
     bound = 2 * (largest + abs(y4) + (p.T_p + p.T_r) * abs(y5))  # 2 allows for a coarse step
-    beyond = np.abs(run.y[4]) > bound
-    if beyond.any():
-        first = int(np.argmax(beyond))
+    beyond = np.flatnonzero(np.abs(run.y[4]) > bound)
+    if beyond.size:
+        first = beyond[0]
         raise IntegrationError(
             f"{method}: the solution blew up; |y4| = {abs(run.y[4, first]):.3g} V at "
             f"t = {run.t[first]:.6g} s is more than the preamplifier can reach ({bound:.3g} V)"
