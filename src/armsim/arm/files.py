@@ -55,10 +55,10 @@ def read_measurement(path: str | Path) -> Measurement:
         where = f"{path}, row {row}"
         if len(cells) != len(names):
             raise FileError(f"{where}: {len(cells)} cells; the header has {len(names)} columns")
-        numbers = {name: _number(cells[n], f"{where}: {name}") for n, name in enumerate(names)}
         rows.append(where)
-        values.append([numbers[name] for name in COLUMNS])
-    columns = np.array(values).reshape(-1, len(COLUMNS)).T
+        values.append([_number(cells[n], f"{where}: {name}") for n, name in enumerate(names)])
+    in_order = [names.index(name) for name in COLUMNS]
+    columns = np.array(values).reshape(-1, len(COLUMNS)).T[in_order]
     for sample, text in faults(columns):
         raise FileError(f"{path if sample is None else rows[sample]}: {text}")
     return Measurement(*columns)

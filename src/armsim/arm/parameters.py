@@ -10,17 +10,16 @@ from armsim.paper import TABLES, printed_value
 
 #: Source of a value that the paper does not give.
 OUR_CHOICE = "our choice"
+_FROM_OTHERS = "Section 4: computed from the other parameters"
 
 _SET_VELOCITY = 10.0  # V; the paper sets K_1 so that this voltage gives _VELOCITY
 _VELOCITY = 1.0  # m/s
 
 
-def _parameter(
-    unit: str, description: str, source: str, *, zero: bool = False, **options: Any
-) -> Any:
+def _parameter(unit: str, description: str, source: str, zero: bool = False, **more: Any) -> Any:
     """Field of a parameter that must be positive, or nonnegative if `zero` is true."""
     metadata = {"unit": unit, "description": description, "source": source, "zero": zero}
-    return field(metadata=metadata, **options)
+    return field(metadata=metadata, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,13 +70,7 @@ class AxisParameters:
     v_s: float = _parameter(
         "m/s", "threshold of static friction (paper's v)", OUR_CHOICE, zero=True
     )
-    K_1: float = _parameter(
-        "V/V",
-        "set-velocity gain",
-        "Section 4: computed from the other parameters",
-        zero=True,
-        default=None,
-    )
+    K_1: float = _parameter("V/V", "set-velocity gain", _FROM_OTHERS, zero=True, default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_given_K_1", self.K_1)
