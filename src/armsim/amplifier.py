@@ -1,36 +1,36 @@
-r"""A Raman fibre amplifier, the kind of problem that the exponential form was made for.
+r"""A Raman fibre amplifier, a typical application of the exponential form.
 
 Along the fibre the power of each wave, pump or signal, obeys P' = P F(P):
 
 .. math:: \frac{dP_i}{dz} = P_i \Bigl(-\alpha_i + \sum_j g_{ij} P_j\Bigr)
 
-A wave is amplified by those of higher frequency, :math:`g_{ij} > 0` for :math:`\nu_j > \nu_i`, and
-pays for the gain of those of lower frequency, photon for photon:
-:math:`g_{ij} \nu_j = -g_{ji} \nu_i`. All waves travel the same way, so this is an initial-value
-problem. A pump from the far end would make it a boundary-value problem, which shooting reduces to
-a sequence of initial-value problems like this one. Noise and Rayleigh scattering are left out.
+A wave gains power from those of higher frequency, :math:`g_{ij} > 0` for :math:`\nu_j > \nu_i`, and
+loses it to those of lower frequency, photon for photon: :math:`g_{ij} \nu_j = -g_{ji} \nu_i`. All
+waves travel in the same direction, so this is an initial-value problem. A pump from the far end
+would make it a boundary-value problem, which shooting reduces to a sequence of initial-value
+problems like this one. Noise and Rayleigh scattering are neglected.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from scipy.constants import c
 from scipy.integrate import solve_ivp
 from scipy.special import wofz
 
-from armsim.checks import IntegrationError, checked_number
+from armsim.checks import IntegrationError, checked_count, checked_number
 from armsim.machine_code import kept
 from armsim.methods import integrate, tableaux
 from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
 
-#: Vibrational modes of silica, one in each column: position, strength, and full widths at half
-#: maximum of the Gaussian and of the Lorentzian part, in 1/cm but for the strength, which is
-#: relative. Hollenbeck and Cantrell, J. Opt. Soc. Am. B 19 (2002) 2886, table 1.
+#: Vibrational modes of silica, one per column: position, relative strength, and full widths at half
+#: maximum of the Gaussian and the Lorentzian part; all but the strength in 1/cm. Hollenbeck and
+#: Cantrell, J. Opt. Soc. Am. B 19 (2002) 2886, table 1.
 _MODES = np.array(
     [
         [56.25, 100, 231.25, 362.5, 463, 497, 611.5, 691.67, 793.67, 835.5, 930, 1080, 1215],
@@ -67,31 +67,31 @@ def raman_spectrum(shift: float | np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class RamanAmplifier:
-    """Pumps and signals that enter a single-mode fibre at one end.
+    """Raman amplifier whose pumps and signals enter a single-mode fibre at the same end.
 
-    Sizes are those of a distributed amplifier for the C and L bands (Bromage, J. Lightwave Technol.
-    22 (2004) 79), the values are our choice.
+    The defaults are our choice, typical of a distributed amplifier for the C and L bands (Bromage,
+    J. Lightwave Technol. 22 (2004) 79).
 
     Parameters
     ----------
     pump_wavelengths, pump_powers : tuple of float
-        In m and W.
+        Wavelengths in m and powers in W.
     channels : int
         Number of signals, equally spaced in frequency over `band`.
     band : (float, float)
-        Shortest and longest wavelength of a signal, m.
+        Shortest and longest signal wavelength, m.
     channel_power : float
         Power of each signal at the input, W; 1 mW is 0 dBm.
     length : float
         Length of the fibre, m.
     effective_area : float
-        m². 80 µm² is common in standard single-mode fibre.
+        Effective area of the mode, m²; 80 µm² is common in standard single-mode fibre.
     peak_gain : float
-        Raman gain at the peak for unpolarized light and a pump of 1450 nm, m/W; in proportion to
-        the pump's frequency elsewhere. Over the area above it is 0.4 /(W km).
+        Peak Raman gain for unpolarized light and a pump of 1450 nm, m/W. It is proportional to the
+        pump frequency. Divided by the default area it is 0.4 /(W km).
     rayleigh, infrared : float
-        Loss is rayleigh/λ⁴ + infrared exp(-48.48 µm/λ), in dB m³ and dB/m; together 0.19 dB/km at
-        1550 nm. Two zeros make the fibre lossless.
+        Coefficients in dB m³ and dB/m of the loss rayleigh/λ⁴ + infrared exp(-48.48 µm/λ), which
+        is 0.19 dB/km at 1550 nm by default.
     """
 
     pump_wavelengths: tuple[float, ...] = (1425e-9, 1436e-9, 1450e-9, 1466e-9, 1495e-9)
@@ -111,33 +111,31 @@ class RamanAmplifier:
                 f"{len(self.pump_wavelengths)} pump_wavelengths and {len(self.pump_powers)} "
                 "pump_powers: one power is needed for each pump"
             )
-        if self.channels < 1:
-            raise ValueError(f"channels = {self.channels!r}: at least 1 is needed")
+        checked_count("channels", self.channels)
         for name in ("channel_power", "length", "effective_area", "peak_gain"):
             checked_number(name, getattr(self, name), above=0.0)
 
     @cached_property
     def frequency(self) -> np.ndarray:
-        """Of each wave, pumps first, Hz."""
+        """Frequency of each wave in Hz, pumps first."""
         signals = np.linspace(c / self.band[0], c / self.band[1], self.channels)
         return np.concatenate([c / np.array(self.pump_wavelengths), signals])
 
     @cached_property
     def input_power(self) -> np.ndarray:
-        """Of each wave, W."""
+        """Input power of each wave in W."""
         return np.array([*self.pump_powers, *[self.channel_power] * self.channels])
 
     @cached_property
     def loss(self) -> np.ndarray:
-        """α of each wave, 1/m."""
+        """Loss α of each wave in 1/m."""
         wavelength = c / self.frequency
-        decibels = self.rayleigh / wavelength**4
-        decibels += self.infrared * np.exp(-48.48e-6 / wavelength)
+        decibels = self.rayleigh / wavelength**4 + self.infrared * np.exp(-48.48e-6 / wavelength)
         return decibels * np.log(10) / 10
 
     @cached_property
     def gain(self) -> np.ndarray:
-        """g, 1/(W m): entry [j, i] is what a watt of wave j adds to the growth rate of wave i."""
+        """Gain in 1/(W m): entry [j, i] is the growth rate of wave i per watt of wave j."""
         source, wave = self.frequency[:, None], self.frequency[None, :]
         higher = np.maximum(source, wave) / (c / 1450e-9)
         photons = np.where(source < wave, wave / source, 1.0)
@@ -146,11 +144,11 @@ class RamanAmplifier:
 
     @property
     def args(self) -> tuple[np.ndarray, np.ndarray]:
-        """What `rhs` takes after z and P."""
+        """Arguments of `rhs` after z and P."""
         return self.loss, self.gain
 
     def photons(self, power: np.ndarray) -> np.ndarray:
-        """Photon flux, Σ P/hν up to h: without loss it is the same all along the fibre."""
+        """Photon flux times h, Σ P/ν; without loss it is constant along the fibre."""
         return np.tensordot(1 / self.frequency, power, axes=1)
 
     def scaled(self, factor: float) -> Self:
@@ -158,41 +156,38 @@ class RamanAmplifier:
         pumps = tuple(factor * power for power in self.pump_powers)
         return replace(self, pump_powers=pumps, channel_power=factor * self.channel_power)
 
-    # --- the solution, and what is read off it
+    # --- the solution and its properties
 
     @cached_property
     def solution(self) -> Callable[[np.ndarray | float], np.ndarray]:
-        """Powers in W as a function of the position in m, to a dozen digits: DOP853 for ln P."""
-        run = solve_ivp(
-            log_rhs, (0.0, self.length), np.log(self.input_power), "DOP853", args=self.args,
-            rtol=1e-13, atol=1e-14, dense_output=True,
-        )  # fmt: skip
+        """Powers in W as a function of the position in m, to 12 digits: DOP853 for ln P."""
+        how = {"rtol": 1e-13, "atol": 1e-14, "dense_output": True}
+        run = self._solved(log_rhs, np.log(self.input_power), "DOP853", **how)
         return lambda z: np.exp(run.sol(z))
 
     @cached_property
     def output_power(self) -> np.ndarray:
-        """Of each wave at the end of the fibre, W."""
+        """Power of each wave at the end of the fibre in W."""
         return self.solution(self.length)
 
     @property
     def on_off_gain(self) -> np.ndarray:
-        """Of each signal, dB: its output power over that with the loss alone."""
+        """Gain of each signal in dB: its output power over that with loss alone."""
         lossy = self.input_power * np.exp(-self.loss * self.length)
         return 10 * np.log10(self.output_power / lossy)[len(self.pump_powers) :]
 
     def fastest_rates(self) -> tuple[float, float]:
         """Largest eigenvalues, 1/m, of the Jacobians in P and in ln P at the end of the fibre.
 
-        They are diag(F) + diag(P) ∂F/∂P and, up to similarity, the second term alone.
+        The Jacobians are diag(F) + diag(P) ∂F/∂P and, up to similarity, the second term alone.
         """
         power = self.output_power
         coupling = power[:, None] * self.gain.T
-        jacobians = np.diag(growth_rate(power, *self.args)) + coupling, coupling
-        of_power, of_logarithm = (float(np.abs(np.linalg.eigvals(J)).max()) for J in jacobians)
-        return of_power, of_logarithm
+        of_power = np.linalg.eigvals(np.diag(growth_rate(power, *self.args)) + coupling)
+        return float(np.abs(of_power).max()), float(np.abs(np.linalg.eigvals(coupling)).max())
 
     def error(self, power: np.ndarray) -> float:
-        """Largest relative error of the powers that a method finds at the end of the fibre."""
+        """Largest relative error of powers computed for the end of the fibre."""
         return float(np.abs(power / self.output_power - 1).max())
 
     # --- solvers
@@ -210,51 +205,53 @@ class RamanAmplifier:
         return average_power(self.input_power, *self.args, self.length, sections, 2)
 
     def controlled(self, form: Form, rtol: float) -> tuple[int, np.ndarray]:
-        """Evaluations and output powers of DP5(4) with controlled steps."""
+        """Evaluations and output powers of DP5(4) with adaptive steps."""
         span, start = (0.0, self.length), self.input_power
         run = integrate(rhs, span, start, tableaux.DP5, None, form, self.args, rtol=rtol, atol=0)
         return run.nfev, run.y[:, -1]
 
     def by_scipy(self, method: str, rtol: float) -> tuple[int, np.ndarray]:
         """Evaluations and output powers of `scipy.integrate.solve_ivp`."""
-        span, start = (0.0, self.length), self.input_power
-        run = solve_ivp(rhs, span, start, method, args=self.args, rtol=rtol, atol=0)
+        run = self._solved(rhs, self.input_power, method, rtol=rtol, atol=0)
         return run.nfev, run.y[:, -1]
 
     def by_scipy_for_logarithms(self, method: str, rtol: float) -> tuple[int, np.ndarray]:
-        """Return the same from the equations for ln P, where `rtol` is an absolute tolerance."""
-        span, start = (0.0, self.length), np.log(self.input_power)
-        run = solve_ivp(log_rhs, span, start, method, args=self.args, rtol=1e-13, atol=rtol)
+        """Same as `by_scipy` for ln P, where `rtol` is the absolute tolerance."""
+        run = self._solved(log_rhs, np.log(self.input_power), method, rtol=1e-13, atol=rtol)
         return run.nfev, np.exp(run.y[:, -1])
 
+    def _solved(self, function: Callable, start: np.ndarray, method: str, **options: Any) -> Any:
+        span = 0.0, self.length
+        return solve_ivp(function, span, start, method, args=self.args, **options)
+
     def steps_for(self, target: float, method: Tableau, form: Form) -> float:
-        """Fewest steps with which the output powers err by at most `target`; see `fewest`."""
+        """Fewest steps for which the relative error is at most `target`; see `fewest`."""
         return fewest(lambda n: self.error(self.run(method, form, n)[:, -1]) <= target, 2**12)
 
     def sections_for(self, target: float) -> float:
-        """Fewest sections with which `averaged` errs by at most `target`; see `fewest`."""
+        """Fewest sections for which the relative error of `averaged` is at most `target`."""
         return fewest(lambda n: self.error(self.averaged(n)) <= target, 2**18)
 
     def positive_steps(self, method: Tableau, form: Form) -> float:
-        """Fewest steps with which all powers stay positive; see `fewest`."""
+        """Fewest steps for which all powers stay positive; see `fewest`."""
         return fewest(lambda n: bool((self.run(method, form, n) > 0).all()), 2**12)
 
 
 def fewest(succeeds: Callable[[int], bool], most: int) -> float:
-    """Smallest number that succeeds, as every larger one does.
+    """Smallest number from which on every number succeeds.
 
     Parameters
     ----------
     succeeds : callable
-        Takes a number from 1 on.
+        ``succeeds(n)`` for a positive integer n.
     most : int
-        Largest number that is tried, 64 or more.
+        Largest number that is tried, at least 64.
 
     Returns
     -------
     float
-        Exact up to 512, and at most half a per cent too large beyond; NaN if none succeeds. Where
-        some numbers below 64 succeed and a larger one does not, one more than the largest failure.
+        Exact up to 512, and at most 0.5 % too large beyond; NaN if none succeeds. If success is not
+        monotonic below 64, the result is one more than the largest failure.
     """
     n = 64
     if succeeds(n):
@@ -274,7 +271,7 @@ def growth_rate(power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.nda
     """F, the relative growth of each power along the fibre, 1/m."""
     rate = -loss
     for j in range(power.size):
-        for i in range(power.size):  # without gaps in memory, so that it is vectorized
+        for i in range(power.size):  # contiguous in memory, so the loop is vectorized
             rate[i] += gain[j, i] * power[j]
     return rate
 
@@ -287,7 +284,7 @@ def rhs(z: float, power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.n
 
 @kept()
 def log_rhs(z: float, log_power: np.ndarray, loss: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """The same equations for ln P."""
+    """d(ln P)/dz = F(P), 1/m, with the arguments of `rhs`."""
     return growth_rate(np.exp(log_power), loss, gain)
 
 
@@ -300,14 +297,14 @@ def average_power(
     sections: int,
     evaluations: int,
 ) -> np.ndarray:
-    r"""Powers at the fibre's end by the average-power method.
+    r"""Powers at the end of the fibre by the average-power method.
 
     In a section of length h every power is multiplied by :math:`G_i = \exp(h F_i(\bar P))`. F is
-    linear in the powers, so this is exact if :math:`\bar P` is their mean over the section. The
-    method takes the mean of an exponential with the same ends, :math:`P_i (G_i - 1)/\ln G_i`, which
-    needs G: the first evaluation of F is made at the powers that enter, each further one at the
-    means that the one before gives. One evaluation is the exponential form of Euler's method; two
-    or more are of second order.
+    affine in the powers, so this is exact if :math:`\bar P` is their mean over the section. The
+    method uses the mean of an exponential with the same ends, :math:`P_i (G_i - 1)/\ln G_i`. Since
+    this needs G, F is first evaluated at the input powers of the section, then at the means from
+    the previous evaluation. One evaluation is the exponential form of Euler's method; two or more
+    are of second order.
     """
     h = length / sections
     power = power.copy()

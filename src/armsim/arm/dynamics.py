@@ -14,7 +14,6 @@ Four misprints of the paper are corrected:
 """
 
 from collections.abc import Sequence
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -92,30 +91,17 @@ class Constants(NamedTuple):
 
 def constants(p: AxisParameters) -> Constants:
     """Return the constants that `rhs` takes as its last argument."""
-    return Constants(
-        B_a=p.B_a,
-        F_0=p.F_0,
-        v_s=p.v_s,
-        per_M=1 / p.M,
-        B_m=p.B_m,
-        r_g=p.r_g,
-        K_b=p.K_b,
-        per_J_m=1 / p.J_m,
-        K_1=p.K_1,
-        K_2_K_t=p.K_2 * p.K_t,
-        T_p_plus_T_r=p.T_p + p.T_r,
-        per_T_p_T_r=1 / (p.T_p * p.T_r),
-        R_a=p.R_a,
-        per_L_a=1 / p.L_a,
-        T_z=p.T_z,
-        V_L=p.V_L,
-        K_e=p.K_e,
-        per_K_i=1 / p.K_i,
-        V_M=p.V_M,
-        H=p.H,
-        K_g=p.K_g,
-        b_g=p.b_g,
-    )
+    derived = {
+        "per_M": 1 / p.M,
+        "per_J_m": 1 / p.J_m,
+        "K_2_K_t": p.K_2 * p.K_t,
+        "T_p_plus_T_r": p.T_p + p.T_r,
+        "per_T_p_T_r": 1 / (p.T_p * p.T_r),
+        "per_L_a": 1 / p.L_a,
+        "per_K_i": 1 / p.K_i,
+    }
+    values = vars(p) | derived
+    return Constants(*[values[name] for name in Constants._fields])
 
 
 # --- auxiliary variables, Table 2 -------------------------------------------------------------
@@ -158,7 +144,8 @@ def static_friction(y, c, f_g, branch):
 
 
 @_compiled
-def _branch(value, limit):
+def branch_of(value, limit):
+    """Return the branch of a signal: -1 below -limit, +1 above limit, 0 between."""
     if value > limit:
         return 1
     if value < -limit:
@@ -169,11 +156,11 @@ def _branch(value, limit):
 @_compiled
 def region(y, c):
     """Return the region of a state; at rest F_s = 0, since sgn(0) = 0 in eq. (15)."""
-    preamplifier = _branch(preamplifier_output(y, c, 0), c.V_L)
+    preamplifier = branch_of(preamplifier_output(y, c, 0), c.V_L)
     v_c = preamplifier_output(y, c, preamplifier)
-    power = _branch(motor_voltage(y, c, v_c, 0), c.V_M)
-    contact = _branch(c.r_g * y[2] - y[0], c.H)
-    friction = _branch(y[1], 0.0) if abs(y[1]) < c.v_s else 0
+    power = branch_of(motor_voltage(y, c, v_c, 0), c.V_M)
+    contact = branch_of(c.r_g * y[2] - y[0], c.H)
+    friction = branch_of(y[1], 0.0) if abs(y[1]) < c.v_s else 0
     return Region(preamplifier, power, contact, friction)
 
 
@@ -258,7 +245,7 @@ def auxiliary_variables(
     """
     y = np.ascontiguousarray(y, dtype=float)
     out = np.empty((4, y.shape[1]))
-    where = np.fromiter(chain.from_iterable(regions), np.int64).reshape(len(regions), 4)
+    where = np.array(regions, np.int64).reshape(-1, 4)
     _auxiliary_columns(y, constants(p), where, out)
     return dict(zip(("f_g", "F_s", "v_m", "v_c"), out, strict=True))
 

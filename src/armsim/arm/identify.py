@@ -9,7 +9,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,7 @@ class Problem:
     def parameters(self, x: np.ndarray) -> AxisParameters:
         """Axis with the logarithms `x` of the free parameters; the setting K_1 stays fixed."""
         values = zip(self.names, np.exp(x).tolist(), strict=True)
-        return self.axis.replace(**{"K_1": self.axis.K_1, **dict(values)})
+        return self.axis.replace(K_1=self.axis.K_1, **dict(values))
 
     def model(self, points: Sequence[np.ndarray]) -> np.ndarray:
         """Signals (r, 3, n) of an ideal instrument at r points, in noise standard deviations."""
@@ -84,10 +84,13 @@ class Problem:
         out[..., 2, :] -= curves[..., 2, :] @ basis @ basis.T
         return out
 
+    def misfit(self, x: np.ndarray) -> np.ndarray:
+        """Model minus record (3, n) in noise standard deviations."""
+        return self.model([x])[0] - self.measurement.signals / self.instrument.deviations
+
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """Model minus record (3n,) in noise standard deviations, bias and drift eliminated."""
-        record = self.measurement.signals / self.instrument.deviations
-        return self.detrended(self.model([x])[0] - record).ravel()
+        """Misfit (3n,) with bias and drift eliminated."""
+        return self.detrended(self.misfit(x)).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Jacobian (3n, k) of the residuals by one-sided differences within the bounds."""
@@ -99,20 +102,16 @@ class Problem:
 
     def solve(self, start: np.ndarray, slopes: np.ndarray | None = None) -> OptimizeResult:
         """Minimise from one start; `slopes` is the Jacobian there, if known."""
-        tolerance = 1e-10 if self.method is None else 1e-7  # a fixed step makes χ² discontinuous
+        if not self.names:
+            return OptimizeResult(x=start, cost=np.sum(self.residuals(start) ** 2) / 2)
         x0 = np.clip(start, self.low + 1e-9, self.high - 1e-9)
-        known = slopes is not None
-        return least_squares(
-            self.residuals,
-            x0,
-            lambda x: slopes if known and np.array_equal(x, x0) else self.jacobian(x),
-            (self.low, self.high),
-            x_scale="jac",
-            ftol=tolerance,
-            xtol=1e-9,
-            gtol=1e-9,
-            max_nfev=200,
-        )
+
+        def jacobian(x: np.ndarray) -> np.ndarray:
+            return self.jacobian(x) if slopes is None or (x != x0).any() else slopes
+
+        ftol = 1e-10 if self.method is None else 1e-7  # a fixed step makes χ² discontinuous
+        how = {"x_scale": "jac", "ftol": ftol, "xtol": 1e-9, "gtol": 1e-9, "max_nfev": 200}
+        return least_squares(self.residuals, x0, jacobian, (self.low, self.high), **how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,21 +253,14 @@ def fit(
     first = np.log([getattr(axis, name) or 1e-300 for name in names])
     ends = [problem.solve(start) for start in [first, *(low + spread * (high - low))]]
     best = min(ends, key=lambda end: end.cost)
-    return _finished(problem, best, ends)
-
-
-def _finished(problem: Problem, best: OptimizeResult, ends: Sequence[OptimizeResult]) -> Fit:
-    slopes = problem.jacobian(best.x)
-    record = problem.measurement.signals / problem.instrument.deviations
-    miss = record[2] - problem.model([best.x])[0, 2]
-    bias, drift = np.linalg.lstsq(problem.line, miss, rcond=None)[0]
+    bias, drift = np.linalg.lstsq(problem.line, -problem.misfit(best.x)[2], rcond=None)[0].tolist()
     return Fit(
         problem,
         best.x,
-        _covariance(slopes),
+        _covariance(problem.jacobian(best.x)),
         best.fun.reshape(3, -1),
-        float(bias),
-        float(drift),
+        bias,
+        drift,
         np.array([2 * end.cost for end in ends]),
         sum(end.nfev for end in ends),
         best.status > 0,
@@ -288,23 +280,18 @@ def _bounds(
     axis: AxisParameters, names: Sequence[str], given: Mapping[str, tuple[float, float]]
 ) -> np.ndarray:
     """Lower and upper bound (k, 2) of each parameter."""
-    known = [item.name for item in dataclasses.fields(axis)]
-    wrong = [name for name in names if name not in known or name == "K_1"]
-    if wrong or not names or len(set(names)) < len(names):
+    known = [item.name for item in dataclasses.fields(axis) if item.name != "K_1"]
+    if not names or not set(names) <= set(known) or len(set(names)) < len(names):
         raise ValueError(
-            f"names = {names!r}: one or more different parameters are needed, of "
-            f"{', '.join(name for name in known if name != 'K_1')}"
+            f"names = {names!r}: one or more different parameters are needed, of {', '.join(known)}"
         )
     if extra := [name for name in given if name not in names]:
         raise ValueError(f"bounds for {', '.join(extra)}, not among the fitted {', '.join(names)}")
-    rows = []
-    for name in names:
-        value = getattr(axis, name)
-        low, high = given.get(name, (value / _RANGE, value * _RANGE))
+    defaults = {n: (getattr(axis, n) / _RANGE, getattr(axis, n) * _RANGE) for n in names}
+    for name, (low, high) in (rows := defaults | dict(given)).items():
         if not 0 < low < high < math.inf:
             raise ValueError(f"bounds of {name}: {low} to {high}; 0 < low < high are needed")
-        rows.append((low, high))
-    return np.array(rows)
+    return np.array(list(rows.values()))
 
 
 # --- identifiability ----------------------------------------------------------------------------
@@ -337,31 +324,20 @@ def profile(fit: Fit, name: str, values: Sequence[float] | np.ndarray) -> np.nda
         raise ValueError(f"{name!r} was not fitted; allowed are {', '.join(fit.names)}")
     if at.ndim != 1 or not (at > 0).all():
         raise ValueError(f"values = {values!r}: a row of positive numbers is needed")
-    n = fit.names.index(name)
+    n, whole = fit.names.index(name), fit.problem
+    names, low, high, others = (
+        np.delete(row, n) for row in (whole.names, whole.low, whole.high, fit.logarithms)
+    )
+    rest = dataclasses.replace(whole, names=tuple(names), low=low, high=high)
     rise, middle = np.empty(at.size), fit.values[n]
     # Each side is scanned outwards, and each refit starts from the one before.
-    for side in (np.flatnonzero(at >= middle), np.flatnonzero(at < middle)):
-        start = np.delete(fit.logarithms, n)
-        for m in side[np.argsort(np.abs(at[side] - middle))]:
-            cost, start = _held(fit, n, at[m], start)
-            rise[m] = cost - fit.chi_squared
+    for side in (at >= middle, at < middle):
+        start = others
+        for m in sorted(np.flatnonzero(side), key=lambda m: abs(at[m] - middle)):
+            axis = whole.axis.replace(**{"K_1": whole.axis.K_1, name: at[m]})
+            end = dataclasses.replace(rest, axis=axis).solve(start)
+            start, rise[m] = end.x, 2 * end.cost - fit.chi_squared
     return rise
-
-
-def _held(fit: Fit, n: int, value: float, start: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return χ² with one parameter fixed, and the refitted logarithms of the others."""
-    whole = fit.problem
-    rest = dataclasses.replace(
-        whole,
-        axis=whole.axis.replace(**{"K_1": whole.axis.K_1, fit.names[n]: value}),
-        names=tuple(np.delete(whole.names, n)),
-        low=np.delete(whole.low, n),
-        high=np.delete(whole.high, n),
-    )
-    if not rest.names:
-        return float(np.sum(rest.residuals(start) ** 2)), start
-    end = rest.solve(start)
-    return 2 * end.cost, end.x
 
 
 @dataclass(frozen=True)
@@ -392,38 +368,36 @@ def identifiability(fit: Fit) -> list[Identifiability]:
     list of Identifiability
         One per parameter, in the order of ``fit.names``.
     """
-    found = []
+    found, correlation = [], fit.correlation
+    np.fill_diagonal(correlation, 0.0)
     for n, name in enumerate(fit.names):
-        others = np.delete(fit.correlation[n], n)
-        k = int(np.argmax(np.abs(others))) if others.size else -1
-        correlation = float(others[k]) if others.size else 0.0
-        partner = np.delete(fit.names, n)[k] if others.size else ""
+        k = int(np.argmax(np.abs(correlation[n])))
+        partner, strength = fit.names[k] if k != n else "", float(correlation[n, k])
         interval = _end(fit, n, -1), _end(fit, n, 1)
         sides = zip(("below", "above"), interval, strict=True)
         missing = [side for side, end in sides if math.isnan(end)]
         verdict = f"not bounded from {' and '.join(missing)}" if missing else "identified"
-        if abs(correlation) > 0.95:
+        if abs(strength) > 0.95:
             verdict += f", together with {partner}"
         error = float(fit.standard_errors[n] / fit.values[n])
-        found.append(Identifiability(name, error, correlation, str(partner), interval, verdict))
+        found.append(Identifiability(name, error, strength, partner, interval, verdict))
     return found
 
 
 def _end(fit: Fit, n: int, side: int) -> float:
     """One end of the 95 % profile-likelihood interval; NaN if it lies beyond the bounds."""
-    best, name = fit.logarithms[n], fit.names[n]
-    limit = float((fit.problem.low, fit.problem.high)[side > 0][n])
-    reach = math.sqrt(RISE) * math.sqrt(fit.covariance[n, n])
+    bounds = float(fit.problem.low[n]), float(fit.problem.high[n])
+    reach = side * math.sqrt(RISE) * math.sqrt(fit.covariance[n, n])
 
     def excess(x: float) -> float:
-        return float(profile(fit, name, [math.exp(x)])[0]) - RISE
+        return float(profile(fit, fit.names[n], [math.exp(x)])[0]) - RISE
 
-    inner, outer = best, best
+    inner = outer = float(fit.logarithms[n])
     while True:
-        outer = min(outer + reach, limit) if side > 0 else max(outer - reach, limit)
+        outer = min(max(outer + reach, bounds[0]), bounds[1])
         if excess(outer) > 0:
-            return math.exp(brentq(excess, inner, outer, xtol=0.01 * reach))
-        if outer == limit:
+            return math.exp(brentq(excess, inner, outer, xtol=0.01 * abs(reach)))
+        if outer in bounds:
             return math.nan
         inner, reach = outer, 2 * reach
 
@@ -469,26 +443,19 @@ def bootstrap(
         If a refit fails.
     """
     checked_count("n", n, least=2)
-    ideal = fit.problem.model([fit.logarithms])[0]
+    problem, start = fit.problem, fit.logarithms
     # Bias and drift are eliminated from the residuals, so the records omit them.
-    slopes = fit.problem.jacobian(fit.logarithms)  # the same for every record
-    run = partial(_refit, fit.problem, fit.logarithms, ideal, slopes)
-    values = parallel.each(run, np.random.SeedSequence(seed).spawn(n), progress)
+    ideal, slopes = problem.model([start])[0], problem.jacobian(start)  # the same for every record
+
+    def refit(stream: np.random.SeedSequence) -> np.ndarray:
+        noise = np.random.default_rng(stream).standard_normal(ideal.shape)
+        seen = (ideal + noise) * problem.instrument.deviations
+        columns = dict(zip(SIGNALS, seen, strict=True))
+        record = dataclasses.replace(problem.measurement, **columns)
+        return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
+
+    values = parallel.each(refit, np.random.SeedSequence(seed).spawn(n), progress)
     return Bootstrap(fit.names, np.array(values))
-
-
-def _refit(
-    problem: Problem,
-    start: np.ndarray,
-    ideal: np.ndarray,
-    slopes: np.ndarray,
-    seed: np.random.SeedSequence,
-) -> np.ndarray:
-    noise = np.random.default_rng(seed).standard_normal(ideal.shape)
-    seen = (ideal + noise) * problem.instrument.deviations
-    columns = dict(zip(SIGNALS, seen, strict=True))
-    record = dataclasses.replace(problem.measurement, **columns)
-    return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
 
 
 # --- model check --------------------------------------------------------------------------------

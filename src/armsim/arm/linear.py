@@ -1,11 +1,11 @@
 """The reduced fourth-order linear system, paper's eq. (16), and its step response in closed form.
 
-Without backlash, static friction and limits, with stiff gear and large K_e, the power stage is a
-current source y6 = K_i v_c and motor and arm turn as one body of inertia J and friction B. The
-velocity loop is then of third order, and the position its integral.
+Without backlash, static friction and limits, with a stiff gear and large K_e, the power stage is a
+current source y6 = K_i v_c, and motor and arm move as one body of inertia J and friction B. The
+velocity loop is then of third order, and the position is the integral of the velocity.
 
-Besides it, the linear equations of the seven-state model inside one region: their eigenvalues, the
-oscillations that follow from them, and steady motion.
+The module also analyses the linear equations of the seven-state model within one region: their
+eigenvalues, their oscillations, and steady motion.
 """
 
 from collections.abc import Callable
@@ -18,10 +18,11 @@ import numpy as np
 
 from armsim.arm.dynamics import Region, affine
 from armsim.arm.parameters import AxisParameters
+from armsim.checks import checked_number
 
-#: Region of steady motion forwards: no limit in force, teeth engaged, no static friction.
+#: Region of steady forward motion: no limit active, teeth engaged, no static friction.
 ENGAGED = Region(preamplifier=0, power=0, contact=1, friction=0)
-_ZERO = 1e-6  # 1/s, eigenvalues below are the zeros of the positions, as computed
+_ZERO = 1e-6  # 1/s; smaller eigenvalues are the zeros of the positions, up to rounding
 
 
 @dataclass(frozen=True)
@@ -31,22 +32,20 @@ class LinearAxis:
     Parameters
     ----------
     parameters : AxisParameters
-        Of the full model; `K_1` is used as it stands there.
+        Parameters of the full model, `K_1` included.
     """
 
     parameters: AxisParameters
 
     @property
     def J(self) -> float:
-        """Inertia of motor and arm at the motor's shaft, kg m²."""
-        p = self.parameters
-        return p.J_m + p.r_g**2 * p.M
+        """Inertia of motor and arm, referred to the motor shaft, kg m²."""
+        return self.parameters.J_m + self.parameters.r_g**2 * self.parameters.M
 
     @property
     def B(self) -> float:
-        """Rotational friction of motor and arm at the motor's shaft, N m s/rad."""
-        p = self.parameters
-        return p.B_m + p.r_g**2 * p.B_a
+        """Viscous friction of motor and arm, referred to the motor shaft, N m s/rad."""
+        return self.parameters.B_m + self.parameters.r_g**2 * self.parameters.B_a
 
     def state_space(self) -> tuple[np.ndarray, np.ndarray]:
         """Matrices of ẋ = A x + B U for x = (y2, y3, y4, y5).
@@ -72,11 +71,10 @@ class LinearAxis:
     def transfer_function(self) -> tuple[np.ndarray, np.ndarray]:
         """Arm velocity over set velocity, y1(s)/U(s), as (numerator, denominator).
 
-        Coefficients of falling powers of s, for instance for `scipy.signal.TransferFunction`.
+        Coefficients in falling powers of s, as in `scipy.signal.TransferFunction`.
         """
         p = self.parameters
-        lead = np.array([p.T_z, 1.0])
-        gain = p.K_i * p.K_b
+        lead, gain = np.array([p.T_z, 1.0]), p.K_i * p.K_b
         lags = np.polymul([p.T_p, 1.0], [p.T_r, 1.0])
         loop = np.polymul([self.J, self.B], lags)
         return p.r_g * p.K_1 * gain * lead, np.polyadd(loop, p.K_2 * p.K_t * gain * lead)
@@ -91,20 +89,19 @@ class LinearAxis:
 
         Raises
         ------
-        ValueError
-            If `set_velocity` is not finite, if two poles of the loop nearly coincide, where
-            partial fractions lose all digits, or if a pole is 0, so that the velocity has no
-            final value.
+        TypeError, ValueError
+            If `set_velocity` is not a finite number, if two poles of the loop nearly coincide,
+            which makes the partial fractions ill-conditioned, or if a pole is 0, so that the
+            velocity has no final value.
         """
-        if not np.isfinite(set_velocity):
-            raise ValueError(f"set_velocity = {set_velocity!r} is not allowed; it must be finite")
+        checked_number("set_velocity", set_velocity)
         numerator, denominator = self.transfer_function
         if denominator[-1] == 0:
             raise ValueError(
                 "K_2 = B_m = B_a = 0: the velocity grows without end; give one a value"
             )
         poles = np.roots(denominator)
-        gaps = np.abs(poles[:, None] - poles[None, :]) + np.diag(np.full(len(poles), np.inf))
+        gaps = np.abs(poles - np.roll(poles, 1))  # of three poles, these are all pairs
         if gaps.min() < 1e-7 * np.abs(poles).max():
             raise ValueError(
                 f"poles {poles} nearly coincide, so the partial fractions are ill-conditioned; "
@@ -152,24 +149,22 @@ class StepResponse:
         if not 0 < criterion < 1:
             raise ValueError(f"criterion = {criterion!r} is not allowed; it must be in (0, 1)")
         band = criterion * abs(self.final)
+
+        def excess(t: np.ndarray | float) -> np.ndarray:
+            return np.abs(self.velocity(t) - self.final) - band
+
         t = self._grid(band)
-        outside = np.abs(self.velocity(t) - self.final) > band
-        last = int(np.flatnonzero(outside)[-1])
-        return float(
-            brentq(lambda s: abs(self.velocity(s) - self.final) - band, t[last], t[last + 1])
-        )
+        last = np.flatnonzero(excess(t) > 0)[-1]
+        return float(brentq(excess, t[last], t[last + 1]))
 
     def peak_current(self) -> float:
-        """Largest magnitude of the motor current in A; in the model it starts from zero."""
+        """Largest magnitude of the motor current in A."""
         from scipy.optimize import minimize_scalar  # slow to import
 
         t = self._grid(1e-6 * abs(self.final))
         top = int(np.argmax(np.abs(self.current(t))))
-        low, high = t[max(top - 1, 0)], t[min(top + 1, len(t) - 1)]
-        best = minimize_scalar(
-            lambda s: -abs(float(self.current(s))), (low, high), (low, high), method="bounded",
-            options={"xatol": 1e-12},
-        )  # fmt: skip
+        ends, fine = (t[max(top - 1, 0)], t[min(top + 1, len(t) - 1)]), {"xatol": 1e-12}
+        best = minimize_scalar(lambda s: -abs(self.current(s)), bounds=ends, options=fine)
         return -float(best.fun)
 
     def _modes(self, function: Callable, weights: np.ndarray, t: Any) -> np.ndarray:
@@ -177,7 +172,7 @@ class StepResponse:
         return np.real(np.tensordot(weights, function(np.multiply.outer(self.poles, t)), axes=1))
 
     def _grid(self, rest: float) -> np.ndarray:
-        """Times that resolve every mode, up to where all modes together are below `rest`."""
+        """Times that resolve every mode, until the sum of all modes is below `rest`."""
         if (slowest := -self.poles.real.max()) <= 0:
             raise ValueError(f"the loop is not stable; its poles are {self.poles}")
         if rest == 0:
@@ -191,7 +186,7 @@ class StepResponse:
 
 
 def eigenvalues(p: AxisParameters, where: Region = ENGAGED) -> np.ndarray:
-    """Eigenvalues in 1/s of a region's equations, without the zeros that belong to positions."""
+    """Eigenvalues of a region's equations in 1/s, without the zeros of the positions."""
     values = np.linalg.eigvals(affine(p, where)[0])
     return values[np.abs(values) > _ZERO]
 
@@ -206,12 +201,12 @@ def oscillation(
     p, where
         The axis and the region.
     highest : float
-        Frequency in Hz below which to look.
+        Upper limit of the frequency in Hz.
 
     Returns
     -------
     frequency, decay_rate : float
-        In Hz and 1/s, as `armsim.arm.response.ringing` measures them; NaN if none oscillates.
+        In Hz and 1/s, comparable to `armsim.arm.response.ringing`; NaN if no mode oscillates.
     """
     values = eigenvalues(p, where)
     values = values[(values.imag > _ZERO) & (values.imag < 2 * pi * highest)]
@@ -222,21 +217,21 @@ def oscillation(
 
 
 def gear_oscillation(p: AxisParameters) -> tuple[float, float]:
-    """Frequency in Hz and damping ratio of the gear's spring between free motor and free arm."""
+    """Frequency in Hz and damping ratio of motor and arm on the gear spring, otherwise free."""
     mass = 1 / (1 / p.M + p.r_g**2 / p.J_m)
     natural = sqrt(p.K_g / mass)
     return natural / (2 * pi), p.b_g / (2 * mass * natural)
 
 
 def steady_motion(p: AxisParameters, velocity: float = 1.0) -> tuple[np.ndarray, float]:
-    """Return the state (7,) at position 0, and the set velocity in V, of a steady motion.
+    """State (7,) at position 0 and set velocity in V of steady motion.
 
     Parameters
     ----------
     p : AxisParameters
-        The axis; no limit may be in force at that velocity.
+        The axis; no limit may be active at that velocity.
     velocity : float
-        Of the arm in m/s, positive and above the threshold of static friction.
+        Arm velocity in m/s, positive and above the threshold of static friction.
     """
     A, B, c = affine(p, ENGAGED)
     slope = np.array([0, velocity / p.r_g, 0, 0, 0, 0])  # of y1 … y6

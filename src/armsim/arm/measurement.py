@@ -1,4 +1,4 @@
-"""Measured motion of an axis: the record, its instruments, and what is computed from it."""
+"""Measured motion of an axis: the record, its instruments, and its integration."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -18,33 +18,33 @@ COLUMNS = {
     "velocity": "m/s",
     "acceleration": "m/s^2",
 }
-#: A record with fewer samples is refused: 60 numbers for about 7 unknowns.
+#: Smallest number of samples in a record: 60 values for about 7 unknowns.
 MIN_SAMPLES = 20
-#: Share of the interval by which a sample may be early or late: room for rounded times.
+#: Largest deviation of a sampling interval as a share of the median; allows for rounded times.
 _UNEVEN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Motion of one axis as its instruments recorded it, sampled evenly, from rest.
+    """Recorded motion of one axis from rest, evenly sampled.
 
     Parameters
     ----------
     t : (n,) array_like
         Times of the samples in s.
     set_velocity : (n,) array_like
-        Set velocity in V that the controller put out from each sample on: digital, so exact.
+        Set velocity in V from each sample on. It is a digital output and therefore exact.
     position, velocity : (n,) array_like
-        Arm motion as the motor shaft tells it, r_g y2 in m by an encoder, r_g y3 in m/s by the
-        tachometer.
+        Arm motion inferred from the motor shaft: r_g y2 in m from an encoder, r_g y3 in m/s from
+        the tachometer.
     acceleration : (n,) array_like
         Accelerometer on the arm, m/s², with an integrating converter: the mean of the derivative
-        of y1 since the sample before.
+        of y1 since the previous sample.
 
     Raises
     ------
     ValueError
-        If the columns differ in length or a sample is not as it has to be; the message names it.
+        If the columns differ in length or a sample is invalid; the message names the sample.
     """
 
     t: np.ndarray
@@ -54,12 +54,12 @@ class Measurement:
     acceleration: np.ndarray
 
     def __post_init__(self) -> None:
-        for item in dataclasses.fields(self):
-            object.__setattr__(self, item.name, np.array(getattr(self, item.name), dtype=float))
-        shapes = {getattr(self, item.name).shape for item in dataclasses.fields(self)}
-        if len(shapes) > 1 or len(next(iter(shapes))) != 1:
+        columns = {name: np.array(values, dtype=float) for name, values in vars(self).items()}
+        shapes = {column.shape for column in columns.values()}
+        if shapes != {(columns["t"].size,)}:
             raise ValueError(f"the five columns have shapes {shapes}; five rows (n,) are needed")
-        for sample, text in faults(np.array(dataclasses.astuple(self))):
+        vars(self).update(columns)
+        for sample, text in faults(np.array([*columns.values()])):
             raise ValueError(text if sample is None else f"sample {sample}: {text}")
 
     @property
@@ -69,10 +69,10 @@ class Measurement:
 
     @property
     def schedule(self) -> Schedule:
-        """Set velocity as `armsim.arm.simulate` takes it, in the time `elapsed`."""
+        """Set velocity for `armsim.arm.simulate`, with times as in `elapsed`."""
         change = np.flatnonzero(np.diff(self.set_velocity, prepend=np.nan) != 0)
-        pairs = zip(self.elapsed[change], self.set_velocity[change], strict=True)
-        return tuple((float(time), float(volts)) for time, volts in pairs)
+        times, volts = self.elapsed[change].tolist(), self.set_velocity[change].tolist()
+        return tuple(zip(times, volts, strict=True))
 
     @property
     def signals(self) -> np.ndarray:
@@ -82,17 +82,17 @@ class Measurement:
 
 @dataclass(frozen=True, kw_only=True)
 class Instrument:
-    """Standard deviations of the noise in each signal, quantisation included.
+    """Standard deviations of the noise in each signal, including quantisation.
 
     Parameters
     ----------
     position, velocity, acceleration : float
-        In m, m/s and m/s², positive.
+        Standard deviations in m, m/s and m/s², positive.
 
     Raises
     ------
     TypeError, ValueError
-        If a value is not a number, or not finite and positive.
+        If a value is not a finite positive number.
     """
 
     position: float
@@ -110,22 +110,22 @@ class Instrument:
 
 
 def signals(y: np.ndarray, t: np.ndarray, p: AxisParameters) -> np.ndarray:
-    """What ideal instruments give of a simulated motion.
+    """Signals of ideal instruments for a simulated motion.
 
     Parameters
     ----------
     y : (..., 7, n) array
-        States at the times of the samples, at rest at the first.
+        States at the samples; the first is at rest.
     t : (n,) array
-        The times in s.
+        Times of the samples in s.
     p : AxisParameters
-        Of the axis.
+        Parameters of the axis.
 
     Returns
     -------
     (..., 3, n) array
-        Position in m, velocity in m/s and acceleration in m/s². The acceleration is a difference
-        of two velocities, so it is as exact as they are; the first is zero.
+        Position in m, velocity in m/s and acceleration in m/s². The acceleration is the exact mean
+        over each interval, a difference of two velocities; the first is zero.
     """
     v = y[..., 1, :]
     mean = np.diff(v, prepend=v[..., :1]) / np.diff(t, prepend=2 * t[0] - t[1])
@@ -133,21 +133,22 @@ def signals(y: np.ndarray, t: np.ndarray, p: AxisParameters) -> np.ndarray:
 
 
 def integrated(record: Measurement, rest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Integrate the accelerometer once and twice, from rest to rest.
+    """Integrate the accelerometer to velocity and position, from rest to rest.
 
-    Bias and drift are fitted where the velocity has to be zero, and taken off the whole record.
+    Bias and drift are fitted where the velocity must be zero and subtracted from the whole record.
 
     Parameters
     ----------
     record : Measurement
-        Its acceleration is the mean over each interval, so that sums are exact for the velocity.
+        The record. Its acceleration is the mean over each interval, so sums of it give the velocity
+        exactly.
     rest : float
-        Time in s, counted as `Measurement.elapsed`, from which on the arm is at rest.
+        Time in s, as in `Measurement.elapsed`, after which the arm is at rest.
 
     Returns
     -------
     velocity, position : (n,) arrays
-        In m/s and m, by the trapezoidal rule; the position from zero.
+        In m/s and m. The position starts at zero and is integrated by the trapezoidal rule.
     """
     t = record.elapsed
     h = np.diff(t, prepend=2 * t[0] - t[1])
@@ -159,7 +160,7 @@ def integrated(record: Measurement, rest: float) -> tuple[np.ndarray, np.ndarray
 
 
 def faults(columns: np.ndarray) -> Iterator[tuple[int | None, str]]:
-    """Yield what is wrong with the five columns (5, n): the sample, if it is one, and a text."""
+    """Yield the faults of the five columns (5, n): the sample concerned, if any, and a message."""
     for n, name in np.argwhere(~np.isfinite(columns.T)):
         yield int(n), f"{list(COLUMNS)[name]} = {columns[name, n]} is not finite"
     t = columns[0]

@@ -22,6 +22,7 @@ from armsim.arm.dynamics import (
     REST,
     Constants,
     Region,
+    branch_of,
     derivative,
     gear_force,
     motor_voltage,
@@ -30,7 +31,7 @@ from armsim.arm.dynamics import (
     region_number,
     region_of_number,
 )
-from armsim.arm.slave_control import MEMORY, Law, put_out
+from armsim.arm.slave_control import Law, put_out
 from armsim.exact import piecewise_affine
 from armsim.exact.modal import OPTIONS, compiled
 from armsim.machine_code import kept
@@ -70,18 +71,16 @@ def _signals(z, where, k):
 @compiled
 def _range(branch, limit):
     """Range of a signal in a branch: between the limits, or beyond one of them."""
-    if branch == 0:
-        return -limit, limit
-    return (limit, np.inf) if branch > 0 else (-np.inf, -limit)
+    edges = -np.inf, -limit, limit, np.inf
+    return edges[branch + 1], edges[branch + 2]
 
 
 @compiled
 def _speed_range(speed, k):
     if k.F_0 == 0.0 or k.v_s == 0.0:
         return -np.inf, np.inf
-    if speed > REST:
-        return (k.v_s, np.inf) if speed == FAST else (0.0, k.v_s)
-    return (-np.inf, -k.v_s) if speed == 0 else (-k.v_s, 0.0)
+    edges = -np.inf, -k.v_s, 0.0, 0.0, k.v_s, np.inf
+    return edges[speed], edges[speed + 1]
 
 
 @compiled
@@ -165,7 +164,7 @@ def start(y, numbers):
     if z[2] != 0.0:
         return z, region_number(where, FAST if z[2] > 0.0 else 0)
     f_g = gear_force(_paper(z, k), k, where.contact)
-    return z, region_number(where, REST + (1 if f_g > k.F_0 else -1 if f_g < -k.F_0 else 0))
+    return z, region_number(where, REST + branch_of(f_g, k.F_0))
 
 
 # --- called from Python -------------------------------------------------------------------------
@@ -174,25 +173,24 @@ _kept = kept(**OPTIONS)
 
 
 @_kept
-def run(numbers, starts, volts, track, law, t_end, y0, limits):
-    """Run an axis from `y0` (7,) with `volts` (j,) from the times `starts` (j,) on.
+def run(numbers, starts, inputs, t_end, y0, limits):
+    """Run an axis from `y0` (7,) with the `inputs` that apply from the times `starts` (j,) on.
 
-    With a `track` (j, 2), the slave control unit fills in `volts` by its `law`. `numbers` (22,) are
-    `dynamics.constants`; `limits` as for `piecewise_affine.solve`. Returns a
+    `numbers` (22,) are `dynamics.constants`; `limits` as for `piecewise_affine.solve`. Returns a
     `piecewise_affine.Record`.
     """
     z, mode = start(y0, numbers)
-    inputs = Inputs(volts, track, law, np.zeros(MEMORY))
     return piecewise_affine.solve(
         equations, successor, hold, numbers, starts, inputs, t_end, z, mode, _SIZES, limits
     )
 
 
 @_kept
-def states(record, times, numbers, y):
-    """Set `y` (7, n) to the states y0 … y6 of a run at `times` (n,)."""
+def states(numbers, record, times):
+    """Return the states y0 … y6 (7, n) of a run at `times` (n,)."""
+    y, r_g = np.empty((7, times.size)), _named(numbers).r_g
     piecewise_affine.sample(record, times, y)
-    r_g = _named(numbers).r_g
     for j in range(times.size):
         x, y[1, j] = y[1, j], y[2, j]
         y[2, j] = (x + y[0, j]) / r_g
+    return y

@@ -1,4 +1,4 @@
-"""A move under the slave control unit, and how well the arm follows its track."""
+"""A move under the slave control unit, and the tracking error of the arm."""
 
 from typing import NamedTuple
 
@@ -9,14 +9,14 @@ from armsim.arm.response import settling_time
 from armsim.arm.simulate import Trajectory, simulate
 from armsim.arm.slave_control import SlaveControl
 
-#: Half-width in m of the band around the goal within which the arm has arrived.
+#: Half-width in m of the band around the goal that counts as arrived.
 BAND = 1e-3
-#: Time in s for which the arm is watched after the end of the track.
+#: Simulated time in s after the end of the track.
 REST = 1.0
 
 
 class Move(NamedTuple):
-    """A run of the arm beside its track, finely sampled."""
+    """A run of the arm and its track at the same fine times."""
 
     run: Trajectory
     t: np.ndarray  #: (n,) s
@@ -25,12 +25,12 @@ class Move(NamedTuple):
 
     @property
     def error(self) -> np.ndarray:
-        """Position of the track less that of the arm, (n,) in m."""
+        """Position of the track minus that of the arm, (n,) in m."""
         return self.wanted[0] - self.y[0]
 
     @property
     def tracking_error(self) -> float:
-        """Largest size of the error, m."""
+        """Largest magnitude of the error, m."""
         return float(np.abs(self.error).max())
 
     @property
@@ -41,7 +41,7 @@ class Move(NamedTuple):
 
     @property
     def arrival(self) -> float:
-        """Time in s from which on the arm stays within `BAND` of the goal; NaN if it does not."""
+        """Time in s after which the arm stays within `BAND` of the goal; NaN if it does not."""
         return settling_time(self.t, self.y[0], self.wanted[0, -1], BAND)
 
     @property
@@ -53,7 +53,7 @@ class Move(NamedTuple):
 
 
 def move(p: AxisParameters, control: SlaveControl) -> Move:
-    """Run the move of a control unit from rest, exactly."""
+    """Simulate the move of a control unit exactly, from rest."""
     t_end = control.track.duration + REST
     run, t = simulate(p, control=control, t_end=t_end), np.linspace(0.0, t_end, 8001)
     return Move(run, t, run(t), control.track(t))

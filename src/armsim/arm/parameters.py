@@ -10,16 +10,16 @@ from armsim.paper import TABLES, printed_value
 
 #: Source of a value that the paper does not give.
 OUR_CHOICE = "our choice"
+_FROM_OTHERS = "Section 4: computed from the other parameters"
 
 _SET_VELOCITY = 10.0  # V; the paper sets K_1 so that this voltage gives _VELOCITY
 _VELOCITY = 1.0  # m/s
 
 
-def _parameter(unit: str, description: str, source: str, *, zero: bool = False) -> Any:
+def _parameter(unit: str, description: str, source: str, zero: bool = False, **more: Any) -> Any:
     """Field of a parameter that must be positive, or nonnegative if `zero` is true."""
-    return field(
-        metadata={"unit": unit, "description": description, "source": source, "zero": zero}
-    )
+    metadata = {"unit": unit, "description": description, "source": source, "zero": zero}
+    return field(metadata=metadata, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,27 +70,16 @@ class AxisParameters:
     v_s: float = _parameter(
         "m/s", "threshold of static friction (paper's v)", OUR_CHOICE, zero=True
     )
-    K_1: float = field(
-        default=None,  # type: ignore[assignment]  # replaced in __post_init__
-        metadata={
-            "unit": "V/V",
-            "description": "set-velocity gain",
-            "source": "Section 4: computed from the other parameters",
-            "zero": True,
-        },
-    )
+    K_1: float = _parameter("V/V", "set-velocity gain", _FROM_OTHERS, zero=True, default=None)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_K_1_given", self.K_1 is not None)
+        object.__setattr__(self, "_given_K_1", self.K_1)
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
             if item.name == "K_1" and value is None:
                 value = _gain_for_set_velocity(self)
-            object.__setattr__(
-                self,
-                item.name,
-                checked_number(item.name, value, above=0.0, zero=item.metadata["zero"]),
-            )
+            value = checked_number(item.name, value, above=0.0, zero=item.metadata["zero"])
+            object.__setattr__(self, item.name, value)
 
     @classmethod
     def paper_x_axis(cls, *, fit: str = "ndp", **changes: float) -> Self:
@@ -113,14 +102,12 @@ class AxisParameters:
         if fit not in ("ndp", "rk6"):
             raise ValueError(f"fit {fit!r}: not a column of Table 5; allowed are 'ndp' and 'rk6'")
         _check_names(cls, changes)
-        rows = [*TABLES["table3"], *TABLES["table4"], *TABLES["table5"]]
         values = {
             row["field"]: printed_value(row.get(fit) or row["value"])
-            for row in rows
+            for row in (*TABLES["table3"], *TABLES["table4"], *TABLES["table5"])
             if row.get("field") not in (None, "K_1")
         }
-        values |= {"T_p": 0.04} | CHOICES["axis"]["x"]
-        return cls(**(values | changes))
+        return cls(**(values | {"T_p": 0.04} | CHOICES["axis"]["x"] | changes))
 
     def replace(self, **changes: float | None) -> Self:
         """Return a changed copy; `K_1` is recomputed by its rule unless it was given.
@@ -136,10 +123,8 @@ class AxisParameters:
             As on construction, or if a name is not a parameter.
         """
         _check_names(type(self), changes)
-        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
-        if not self._K_1_given:  # type: ignore[attr-defined]
-            values["K_1"] = None
-        return type(self)(**(values | changes))
+        gain = {"K_1": self._given_K_1}  # type: ignore[attr-defined]
+        return dataclasses.replace(self, **(gain | changes))
 
 
 def _gain_for_set_velocity(p: AxisParameters) -> float:

@@ -1,6 +1,6 @@
-"""Numbers read off a run, or off a scan of runs: settling time, ringing, crossings.
+"""Characteristics of a run or of a scan of runs: settling time, ringing, crossings.
 
-What a run does not show, because it never arrives or does not ring, is NaN.
+A characteristic is NaN if the run does not have it, because it never arrives or does not ring.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,9 +15,9 @@ from armsim.arm.simulate import Trajectory, simulate
 from armsim.methods import IntegrationError, integrate
 from armsim.methods.tableaux import Tableau
 
-#: Share of the final velocity within which it counts as settled.
+#: Half-width of the settling band as a share of the final velocity.
 SETTLED = 0.02
-#: Switching events in a second beyond which the loop is taken to be unstable.
+#: Largest number of switching events in a second of a loop that is taken as stable.
 BUZZING = 200
 
 
@@ -27,7 +27,7 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
     Parameters
     ----------
     t, signal : (n,) arrays
-        Times and values; between them the signal is taken as linear.
+        Times and values; the signal is interpolated linearly.
     final, band : float
         Final value and half-width of the band.
 
@@ -48,7 +48,7 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
 
 
 def arrival_time(t: np.ndarray, signal: np.ndarray, level: float) -> float:
-    """First of the times (n,) at which a signal (n,) is at a level or above; NaN if it never is."""
+    """First of the times (n,) at which a signal (n,) reaches a level; NaN if it never does."""
     reached = np.flatnonzero(np.asarray(signal) >= level)
     return float(t[reached[0]]) if reached.size else nan
 
@@ -59,11 +59,11 @@ def time_within(run: Trajectory, inside: Callable[[Region], bool], t_end: float)
     Parameters
     ----------
     run : Trajectory
-        From 0 s on.
+        Exact run.
     inside : callable
-        Tells of a region whether it counts.
+        Returns whether a region counts.
     t_end : float
-        Only the time before counts. If it is NaN, so is the result.
+        Only the time before `t_end` counts. If it is NaN, so is the result.
     """
     cuts = np.minimum([0.0, *(event.time for event in run.events), t_end], t_end)
     regions = [run.initial_region, *(event.after for event in run.events)]
@@ -71,19 +71,19 @@ def time_within(run: Trajectory, inside: Callable[[Region], bool], t_end: float)
 
 
 def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float) -> float:
-    """Rate r in 1/s of the least-squares curve a - b exp(-r t) through the arm's velocity.
+    """Rate r in 1/s of the curve a - b exp(-r t) fitted to the arm velocity by least squares.
 
     Parameters
     ----------
     run : Trajectory
-        Or what else gives states (7, n) at n times.
+        Any callable that returns states (7, n) at n times.
     begin, end : float
-        The curve is fitted between these times.
+        First and last time of the fit.
 
     Returns
     -------
     float
-        NaN if `begin` is not before `end`, or no curve fits.
+        NaN if `begin` is not before `end` or the fit does not converge.
     """
     from scipy.optimize import curve_fit  # slow to import
 
@@ -100,16 +100,16 @@ def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float)
 def crossings(
     function: Callable[[float], float], grid: Sequence[float] | np.ndarray, target: float = 0.0
 ) -> list[float]:
-    """Every place between the points of a grid where a function passes through a target.
+    """Arguments at which a function crosses a target, searched for between the points of a grid.
 
     Parameters
     ----------
     function : callable
-        Continuous between the points where it is not NaN; beside a NaN no place is looked for.
+        Continuous where it is not NaN. Intervals with a NaN at an end are not searched.
     grid : (n,) array_like
-        Rising. Two places between the same two points are not seen.
+        Increasing arguments. Two crossings in one interval are not found.
     target : float
-        The value to pass.
+        Function value at a crossing.
     """
     from scipy.optimize import brentq  # slow to import
 
@@ -125,8 +125,8 @@ def crossings(
 def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
     """Frequency and decay rate of a damped oscillation.
 
-    Both are least-squares fits through the extrema, whose places are refined by parabolas. The
-    amplitude is the difference between one extremum and the next, which needs no mean value.
+    Both are least-squares fits to the extrema, which are refined by parabolas. The amplitude is the
+    difference between successive extrema, so no mean value is needed.
 
     Parameters
     ----------
@@ -158,17 +158,18 @@ def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
 
 
 def loop_ringing(run: Trajectory) -> tuple[float, float]:
-    """Ringing of the arm's velocity after the last event of an exact run.
+    """Ringing of the arm velocity after the last event of an exact run.
 
     Parameters
     ----------
     run : Trajectory
-        Of the time after its last event, 0.03 s let the fast modes die, and 0.6 s are looked at.
+        Exact run. The first 0.03 s after the last event are skipped, so that the fast modes decay;
+        the next 0.6 s are evaluated.
 
     Returns
     -------
     frequency, decay_rate : float
-        As `ringing` gives them; NaN if the run ends too early.
+        See `ringing`; NaN if the run ends too early.
     """
     begin = (run.events[-1].time if run.events else 0.0) + 0.03
     if begin + 0.6 > run.t[-1]:
@@ -178,7 +179,7 @@ def loop_ringing(run: Trajectory) -> tuple[float, float]:
 
 
 class StepQuality(NamedTuple):
-    """How the arm's velocity answers a step of the set velocity."""
+    """Quality of the arm velocity after a step of the set velocity."""
 
     settling: float  #: s, NaN if it does not settle
     overshoot: float  #: as a share of the final velocity
@@ -187,45 +188,45 @@ class StepQuality(NamedTuple):
 
 
 def step_quality(p: AxisParameters, volts: float = 10.0, t_end: float = 6.0) -> StepQuality:
-    """Run a step of the set velocity and read off its quality.
+    """Simulate a step of the set velocity and evaluate its quality.
 
-    A loop that buzzes between its limits, with more than `BUZZING` events in the first second, is
-    watched for that second only.
+    A loop that chatters between its limits, with more than `BUZZING` events in the first second, is
+    simulated for that second only.
 
     Parameters
     ----------
     p : AxisParameters
-        With the gain K_1 that makes 10 V stand for 1 m/s.
+        The axis, with the gain K_1 for which 10 V gives 1 m/s.
     volts : float
         Height of the step.
     t_end : float
         Length of the run in s.
     """
-    run, final, length = simulate(p, volts, min(t_end, 1.0)), 0.1 * volts, min(t_end, 1.0)
+    run, final = simulate(p, volts, min(t_end, 1.0)), 0.1 * volts
     if len(run.events) <= BUZZING:
-        run, length = simulate(p, volts, t_end), t_end
-    t = np.linspace(0, length, 4001)
+        run = simulate(p, volts, t_end)
+    t = np.linspace(0, run.t_end, 4001)
     velocity = run(t)[1]
     settling = settling_time(t, velocity, final, SETTLED * abs(final))
     return StepQuality(settling, float((velocity / final).max() - 1), *loop_ringing(run))
 
 
 def voltage_error(run: Trajectory, method: Tableau, step_size: float, begin: float) -> float:
-    """Error that a method ends with when it carries on an exact run.
+    """Error of the motor voltage when a method continues an exact run.
 
     Parameters
     ----------
     run : Trajectory
-        Exact, with one set velocity.
+        Exact run with a constant set velocity.
     method, step_size
         The Runge-Kutta method and its step in s.
     begin : float
-        Time in s from whose exact state the method goes on to the end of the run.
+        Time in s at which the method starts from the exact state.
 
     Returns
     -------
     float
-        Largest error of the motor voltage in V at the last 20 steps; inf if the method blows up.
+        Largest error in V at the last 20 steps; inf if the method blows up.
     """
     p, args = run.parameters, (float(run.set_velocity(begin)), constants(run.parameters))
     try:

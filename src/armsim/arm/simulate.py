@@ -1,14 +1,14 @@
 """Simulation of one axis or of many, and the resulting trajectory."""
 
-import math
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from numbers import Real
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,10 +22,10 @@ from armsim.arm.dynamics import (
     rhs,
 )
 from armsim.arm.parameters import AxisParameters
-from armsim.arm.slave_control import MEMORY, Law, SlaveControl, put_out
+from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number
 from armsim.exact import crossing
-from armsim.exact.piecewise_affine import Event, ExactSolution, Record, require_finished
+from armsim.exact.piecewise_affine import Event, ExactSolution, require_finished
 from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
 
@@ -37,6 +37,8 @@ Schedule = tuple[tuple[float, float], ...]
 MAX_EVENTS, MAX_PIECES = 100_000, 1_000_000
 #: Number of runs handed to a thread at a time.
 _CHUNK = 64
+#: Names of modes and guards, for events and error messages.
+_TO_NAMES = region_of_number, Region._fields.__getitem__
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Trajectory:
         if isinstance(self.solution, ExactSolution):
             return self.solution.modes(t)
         k = constants(self.parameters)
-        return [Region(*region(y, k)) for y in self(np.asarray(t)).T]
+        return [region(y, k) for y in self(np.asarray(t)).T]
 
     def set_velocity(self, t: np.ndarray | float) -> np.ndarray:
         """Set velocity U in volts at the times `t`; at a switch, the new value."""
@@ -136,20 +138,20 @@ class Steps:
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """States at the times `t` by cubic Hermite interpolation."""
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-        outside = ~((times >= self.t[0]) & (times <= self.t[-1]))
-        if outside.any():
-            raise ValueError(
-                f"t = {times[outside][0]} is outside the run; "
-                f"allowed is {self.t[0]} to {self.t[-1]}"
-            )
-        left = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, self.t.size - 2)
+        times = np.array(t, dtype=float, ndmin=1)
+        outside = times[~((times >= self.t[0]) & (times <= self.end))]
+        if outside.size:
+            allowed = f"allowed is {self.t[0]} to {self.end}"
+            raise ValueError(f"t = {outside[0]} is outside the run; {allowed}")
+        left = np.searchsorted(self.t[1:-1], times, side="right")
         h = self.t[left + 1] - self.t[left]
         s = (times - self.t[left]) / h
         before, after = self.y[:, left], self.y[:, left + 1]
         volts, k = _set_velocity(self.schedule, self.t[left]), constants(self.parameters)
-        slope = np.array([rhs(0.0, y, u, k) for y, u in zip(before.T, volts, strict=True)]).T
-        slope_after = np.array([rhs(0.0, y, u, k) for y, u in zip(after.T, volts, strict=True)]).T
+        slope, slope_after = (
+            np.array([rhs(0.0, y, u, k) for y, u in zip(states.T, volts, strict=True)]).T
+            for states in (before, after)
+        )
         y = (
             before * (1 + 2 * s) * (1 - s) ** 2
             + after * s**2 * (3 - 2 * s)
@@ -215,18 +217,18 @@ def simulate(
     >>> print(f"{event.time:.9f} s: preamplifier from {event.before[0]} to {event.after[0]}")
     0.845527127 s: preamplifier from 1 to 0
     """
-    inputs, t_end, state = _checked(set_velocity, control, t_end, y0)
+    task = _checked(set_velocity, control, t_end, y0)
     if method is not None:
-        return _runge_kutta(p, inputs, t_end, method, step_size, form, state)
+        steps = _runge_kutta(p, task, method, step_size, form)
+        return Trajectory(p, steps.schedule, steps, control)
     if step_size is not None or form != "additive":
         raise ValueError(
             f"step_size = {step_size!r} and form = {form!r} are for a Runge-Kutta method; "
             "give one as method, or leave them out"
         )
-    record, states = _exact(p, inputs, t_end, state)
-    schedule = inputs.schedule()
-    solution = ExactSolution(record, t_end, states, *_TO_NAMES, schedule)
-    return Trajectory(p, schedule, solution, control)
+    _get_ready()
+    solution = _exact(p, task)
+    return Trajectory(p, task.schedule, solution, control)
 
 
 def simulate_many(
@@ -264,8 +266,7 @@ def simulate_many(
     IntegrationError
         If a run fails; the message gives its index in `parameters`.
     """
-    inputs, t_end, state = _checked(set_velocity, control, t_end, y0)
-    axes = list(parameters)
+    task, axes = _checked(set_velocity, control, t_end, y0), list(parameters)
     at = np.array([t_end] if times is None else times, dtype=float)
     if at.ndim != 1 or not ((at >= 0) & (at <= t_end)).all():
         raise ValueError(f"times = {times!r}: a row of numbers from 0 to t_end = {t_end} is needed")
@@ -276,92 +277,78 @@ def simulate_many(
     def work(first: int) -> None:
         for n in range(first, min(first + _CHUNK, len(axes))):
             try:
-                record, states = _exact(axes[n], inputs.copy(), t_end, state)
+                y[n] = _exact(axes[n], task.copy())(at)
             except IntegrationError as error:
                 raise IntegrationError(f"parameters[{n}]: {error}") from None
-            y[n] = states(record, at)
 
+    _get_ready()
     chunks = range(0, len(axes), _CHUNK)
     if len(chunks) < 2 or threads == 1:
         list(map(work, chunks))
     else:
-        _ready_to_run()
         with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
             list(pool.map(work, chunks))
     return y
 
 
-#: Names of modes and guards, for events and error messages.
-_TO_NAMES = region_of_number, Region._fields.__getitem__
+class _Task(NamedTuple):
+    """Checked arguments of a run, as `modes.run` takes them."""
+
+    starts: np.ndarray
+    inputs: modes.Inputs
+    t_end: float
+    y0: np.ndarray
+
+    def copy(self) -> "_Task":
+        """Return a copy for another run, with its own arrays for a control unit to fill in."""
+        volts, memory = self.inputs.volts.copy(), np.zeros(MEMORY)
+        return self._replace(inputs=self.inputs._replace(volts=volts, memory=memory))
+
+    @property
+    def schedule(self) -> Schedule:
+        """Set velocity; with a control unit, known after the run."""
+        return tuple(zip(self.starts.tolist(), self.inputs.volts.tolist(), strict=True))
 
 
-def _exact(
-    p: AxisParameters, inputs: "_Inputs", t_end: float, state: np.ndarray
-) -> tuple[Record, Callable[[Record, np.ndarray], np.ndarray]]:
-    """Run an axis exactly; return the record and the function that evaluates its states."""
-    numbers = np.array(constants(p))
-    record = _ready_to_run()(numbers, *inputs.arrays, t_end, state, _limits())
+def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
+    numbers, limits = np.array(constants(p)), (MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH)
+    record = modes.run(numbers, *task, limits)
     require_finished(record, *_TO_NAMES)
-    return record, partial(_states, numbers)
-
-
-def _limits() -> tuple[int, int, int]:
-    return MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH
-
-
-def _states(numbers: np.ndarray, record: Record, times: np.ndarray) -> np.ndarray:
-    y = np.empty((7, times.size))
-    modes.states(record, times, numbers, y)
-    return y
+    states = partial(modes.states, numbers)
+    return ExactSolution(record, task.t_end, states, *_TO_NAMES, task.schedule)
 
 
 @cache
-def _ready_to_run() -> Callable[..., Record]:
+def _get_ready() -> None:
     """Compile the solver or load it from disk; print a notice if this takes long."""
     text = "armsim: compiling the exact solver, once per installation; half a minute or so"
     timer = threading.Timer(2.0, print, (text,), {"file": sys.stderr, "flush": True})
-    timer.daemon = True
     timer.start()
     try:
-        numbers = np.array(constants(AxisParameters.paper_x_axis()))
-        given = _Inputs(np.zeros(1), np.zeros(1)).arrays
-        record = modes.run(numbers, *given, 1e-9, np.zeros(7), _limits())
-        _states(numbers, record, np.zeros(1))
+        _exact(AxisParameters.paper_x_axis(), _checked(0.0, None, 1e-9, None))(0.0)
     finally:
         timer.cancel()
-    return modes.run
 
 
 def _runge_kutta(
-    p: AxisParameters,
-    inputs: "_Inputs",
-    t_end: float,
-    method: Tableau,
-    step_size: float | None,
-    form: Form,
-    state: np.ndarray,
-) -> Trajectory:
-    k = constants(p)
-    t, y, nfev = [np.zeros(1)], [state[:, None]], 0
-    memory, ends = np.zeros(MEMORY), [*inputs.starts[1:].tolist(), math.inf]
-    for n, (start, end) in enumerate(zip(inputs.starts.tolist(), ends, strict=True)):
-        if start >= t_end:
-            break
+    p: AxisParameters, task: _Task, method: Tableau, step_size: float | None, form: Form
+) -> Steps:
+    starts, inputs, t_end, y0 = task
+    k, t, y, nfev = constants(p), [np.zeros(1)], [y0[:, None]], 0
+    ends = np.minimum([*starts[1:], t_end], t_end)
+    for n in range(np.searchsorted(starts, t_end)):
         now = y[-1][:, -1]
-        if inputs.control is not None:
-            put_out(n, now[2], p.r_g, inputs.track, inputs.law, memory, inputs.volts)
-        volts = float(inputs.volts[n])
-        span = (start, min(end, t_end))
-        run = integrate(rhs, span, now, method, step_size, form, args=(volts, k))
+        if inputs.track.size:
+            put_out(n, now[2], p.r_g, inputs.track, inputs.law, inputs.memory, inputs.volts)
+        span, args = (float(starts[n]), float(ends[n])), (float(inputs.volts[n]), k)
+        run = integrate(rhs, span, now, method, step_size, form, args)
         t.append(run.t[1:])
         y.append(run.y[:, 1:])
         nfev += run.nfev
-    schedule = inputs.schedule()
-    steps = Steps(p, schedule, np.concatenate(t), np.concatenate(y, axis=1), nfev)
-    trajectory = Trajectory(p, schedule, steps, inputs.control)
+    steps = Steps(p, task.schedule, np.concatenate(t), np.concatenate(y, axis=1), nfev)
     size = "adaptive steps" if step_size is None else f"step size {step_size:g}"
-    _raise_if_beyond_bound(trajectory, f"{method.name}, {size}")
-    return trajectory
+    _raise_if_beyond_bound(steps, f"{method.name}, {size}")
+    return steps
 
 
 def _set_velocity(schedule: Schedule, t: np.ndarray | float) -> np.ndarray:
@@ -369,7 +356,7 @@ def _set_velocity(schedule: Schedule, t: np.ndarray | float) -> np.ndarray:
     return volts[np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)]
 
 
-def _raise_if_beyond_bound(run: Trajectory, method: str) -> None:
+def _raise_if_beyond_bound(run: Steps, method: str) -> None:
     """Raise an error if the preamplifier has blown up but is still finite.
 
     Its two lags have a positive impulse response and unit gain, so y4 cannot exceed the largest
@@ -380,9 +367,9 @@ def _raise_if_beyond_bound(run: Trajectory, method: str) -> None:
     volts = max(abs(u) for _, u in run.schedule)
     largest = p.K_1 * volts + p.K_2 * p.K_t * np.abs(run.y[3]).max()
     bound = 2 * (largest + abs(y4) + (p.T_p + p.T_r) * abs(y5))  # 2 allows for a coarse step
-    beyond = np.abs(run.y[4]) > bound
-    if beyond.any():
-        first = int(np.argmax(beyond))
+    beyond = np.flatnonzero(np.abs(run.y[4]) > bound)
+    if beyond.size:
+        first = beyond[0]
         raise IntegrationError(
             f"{method}: the solution blew up; |y4| = {abs(run.y[4, first]):.3g} V at "
             f"t = {run.t[first]:.6g} s is more than the preamplifier can reach ({bound:.3g} V)"
@@ -392,77 +379,46 @@ def _raise_if_beyond_bound(run: Trajectory, method: str) -> None:
 _NO_TRACK, _NO_LAW = np.empty((0, 2)), SlaveControl().law
 
 
-@dataclass(frozen=True)
-class _Inputs:
-    """Set velocity in the form required by the compiled functions."""
-
-    starts: np.ndarray
-    volts: np.ndarray  #: filled in during a run with a control unit
-    track: np.ndarray = field(default_factory=lambda: _NO_TRACK)
-    law: Law = _NO_LAW
-    control: SlaveControl | None = None
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Law]:
-        return self.starts, self.volts, self.track, self.law
-
-    def copy(self) -> "_Inputs":
-        """Return a copy for another run, with its own `volts` to be filled in."""
-        return replace(self, volts=self.volts.copy())
-
-    def schedule(self) -> Schedule:
-        return tuple(zip(self.starts.tolist(), self.volts.tolist(), strict=True))
-
-
 def _checked(
     set_velocity: SetVelocity | None,
     control: SlaveControl | None,
     t_end: float,
     y0: Sequence[float] | np.ndarray | None,
-) -> tuple[_Inputs, float, np.ndarray]:
+) -> _Task:
     t_end = checked_number("t_end", t_end, above=0.0)
-    inputs = _checked_inputs(set_velocity, control, t_end)
     state = np.zeros(7) if y0 is None else np.array(y0, dtype=float)
     if state.shape != (7,):
         raise ValueError(f"y0 has shape {state.shape}; the 7 states y0 … y6 are needed")
     if not np.isfinite(state).all():
         raise ValueError(f"y0 = {state}: every component must be finite")
-    return inputs, t_end, state
-
-
-def _checked_inputs(
-    set_velocity: SetVelocity | None, control: SlaveControl | None, t_end: float
-) -> _Inputs:
     if control is None:
-        schedule = np.array(_checked_schedule(10.0 if set_velocity is None else set_velocity))
-        return _Inputs(schedule[:, 0].copy(), schedule[:, 1].copy())
+        schedule = _checked_schedule(10.0 if set_velocity is None else set_velocity)
+        starts, volts = np.array(schedule).T.copy()
+        inputs = modes.Inputs(volts, _NO_TRACK, _NO_LAW, np.zeros(MEMORY))
+        return _Task(starts, inputs, t_end, state)
     if not isinstance(control, SlaveControl):
         raise TypeError(f"control = {control!r}: a SlaveControl is needed")
     if set_velocity is not None:
         raise ValueError(f"set_velocity = {set_velocity!r}: with control it must be left out")
     starts, track = control.samples(t_end)
-    return _Inputs(starts, np.zeros(starts.size), track, control.law, control)
+    inputs = modes.Inputs(np.zeros(starts.size), track, control.law, np.zeros(MEMORY))
+    return _Task(starts, inputs, t_end, state)
 
 
-def _checked_schedule(set_velocity: SetVelocity) -> Schedule:
+def _checked_schedule(set_velocity: SetVelocity) -> list[tuple[float, float]]:
     if isinstance(set_velocity, (float, Real, str)):  # a union would be built at every call
-        return ((0.0, checked_number("set_velocity", set_velocity)),)
+        return [(0.0, checked_number("set_velocity", set_velocity))]
     schedule: list[tuple[float, float]] = []
     for n, entry in enumerate(set_velocity):
+        name = f"set_velocity[{n}]"
         try:
             time, volts = entry
         except (TypeError, ValueError) as error:
-            raise ValueError(
-                f"set_velocity[{n}] = {entry!r}: a pair (time, volts) is needed"
-            ) from error
-        time = checked_number(f"set_velocity[{n}] time", time)
+            raise ValueError(f"{name} = {entry!r}: a pair (time, volts) is needed") from error
+        time = checked_number(f"{name} time", time)
         if time < 0 or (schedule and time <= schedule[-1][0]):
-            raise ValueError(
-                f"set_velocity[{n}] time = {time}: times must not be negative and must rise"
-            )
-        schedule.append((time, checked_number(f"set_velocity[{n}] volts", volts)))
+            raise ValueError(f"{name} time = {time}: times must not be negative and must rise")
+        schedule.append((time, checked_number(f"{name} volts", volts)))
     if not schedule:
         raise ValueError("set_velocity is empty; at least one (time, volts) is needed")
-    if schedule[0][0] > 0:
-        schedule.insert(0, (0.0, 0.0))
-    return tuple(schedule)
+    return schedule if schedule[0][0] == 0 else [(0.0, 0.0), *schedule]

@@ -9,17 +9,15 @@ resolution and the shape of the move are our choice.
 # mypy: disable-error-code="no-untyped-def"
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import njit
 
-from armsim.checks import checked_number
+from armsim.checks import checked_count, checked_number
 from armsim.choices import CHOICES
-
-_compiled = njit(error_model="numpy", nogil=True)
 
 _MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
 
@@ -94,13 +92,10 @@ class Track:
         end = rise + (length / top if top > 0.0 else 0.0)
         t = period * np.arange(math.ceil(end / period - 1e-9) + 2)
         left = np.clip(end - t, 0.0, None)
-        rising, falling = t < rise, left < rise
-        speed = np.where(falling, acceleration * left, np.where(rising, acceleration * t, top))
-        position = np.where(
-            falling,
-            length - 0.5 * acceleration * left**2,
-            np.where(rising, 0.5 * acceleration * t**2, top * (t - 0.5 * rise)),
-        )
+        sections = left < rise, t < rise  # falling, rising; in between the speed is `top`
+        speed = np.select(sections, (acceleration * left, acceleration * t), top)
+        falling, rising = length - 0.5 * acceleration * left**2, 0.5 * acceleration * t**2
+        position = np.select(sections, (falling, rising), top * (t - 0.5 * rise))
         sign = math.copysign(1.0, distance)
         return cls(tuple(sign * position), tuple(sign * speed), period)
 
@@ -173,26 +168,23 @@ class SlaveControl:
     def __post_init__(self) -> None:
         if not isinstance(self.track, Track):
             raise TypeError(f"track = {self.track!r}: a Track is needed")
-        for item in fields(self)[1:]:
-            value = getattr(self, item.name)
-            if item.type is int and (isinstance(value, bool) or not isinstance(value, int)):
-                raise TypeError(f"{item.name} = {value!r} is not allowed; it must be an integer")
-            checked_number(item.name, value, above=0.0, zero=item.name not in _POSITIVE)
+        for name in ("K_p", "K_I", "K_v"):
+            checked_number(name, getattr(self, name), above=0.0, zero=True)
+        for name in ("delay", "counts"):
+            checked_count(name, getattr(self, name), least=0)
+        for name in ("period", "limit", "volts_per_speed"):
+            checked_number(name, getattr(self, name), above=0.0)
 
     @property
     def law(self) -> "Law":
         """Constants of the unit for the compiled `put_out`."""
         angle = 2 * math.pi / self.counts if self.counts else 0.0
-        gains = self.K_p, self.K_I, self.K_v
-        return Law(*gains, self.delay, angle, self.period, self.limit, self.volts_per_speed)
+        return Law(*[(vars(self) | {"angle": angle})[name] for name in Law._fields])
 
     def samples(self, t_end: float) -> tuple[np.ndarray, np.ndarray]:
         """Sample times (j,) in s before `t_end`; position and speed (j, 2) of the track there."""
         times = self.period * np.arange(math.ceil(t_end / self.period - 1e-9))
         return times, np.ascontiguousarray(self.track(times).T)
-
-
-_POSITIVE = ("period", "limit", "volts_per_speed")
 
 
 class Law(NamedTuple):
@@ -212,7 +204,7 @@ class Law(NamedTuple):
 INTEGRAL, POSITION, MEMORY = 0, 1, 2
 
 
-@_compiled
+@njit(error_model="numpy", nogil=True)
 def put_out(n, angle, r_g, track, law, memory, volts):
     """Return the output at sample `n`, and store in `volts` the output for `delay` samples later.
 

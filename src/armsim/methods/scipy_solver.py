@@ -1,6 +1,7 @@
 """Fixed-step solvers for `scipy.integrate.solve_ivp`, made from a tableau."""
 
 from collections.abc import Callable
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -59,30 +60,21 @@ def fixed_step_solver(
         t: float
         y: np.ndarray
 
-        def __init__(
-            self,
-            fun: Callable,
-            t0: float,
-            y0: np.ndarray,
-            t_bound: float,
-            vectorized: bool = False,
-            **unused: Any,
-        ) -> None:
-            if unused:
-                raise ValueError(f"options {sorted(unused)}: a fixed-step solver has none")
+        def __init__(self, fun: Callable, t0: float, y0: Any, t_bound: float, **given: Any) -> None:
+            vectorized = given.pop("vectorized", False)
+            if given:
+                raise ValueError(f"options {sorted(given)}: a fixed-step solver has none")
             super().__init__(fun, t0, y0, t_bound, vectorized)
-            self.taken, self.start, self.y_old = 0, t0, self.y
+            self.y_old = self.y
             # The last step is shortened; a remainder below rounding does not count as a step.
-            self.steps = max(int(np.ceil(abs(t_bound - t0) / step_size - 1e-9)), 1)
+            steps = range(1, int(np.ceil(abs(t_bound - t0) / step_size - 1e-9)))
+            self.ends = chain((t0 + self.direction * n * step_size for n in steps), [t_bound])
 
         def _step_impl(self) -> tuple[bool, str | None]:
-            self.taken += 1
-            end = self.start + self.direction * self.taken * step_size
-            end = self.t_bound if self.taken >= self.steps else end
-            span = (self.t, end)
+            end = next(self.ends)
             once = abs(end - self.t) * (1 + 1e-6)  # one step despite rounding
             try:
-                run = integrate(self.fun, span, self.y, tableau, once, form, shift=shift)
+                run = integrate(self.fun, (self.t, end), self.y, tableau, once, form, shift=shift)
             except IntegrationError as error:
                 return False, str(error)
             self.t, self.y_old, self.y = end, self.y, run.y[:, -1]
