@@ -158,10 +158,6 @@ class _Files(NullCache):
         self._folder, self._base = folder, f"{name}-{_digest([module, place])[:12]}"
         self._stamp = stamp[:20]
 
-    @property
-    def cache_path(self) -> str:
-        return str(self._folder)
-
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
         with suppress(OSError, ImportError, _Unknown):  # a script that runpy runs is no module

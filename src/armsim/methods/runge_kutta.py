@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba.core.errors import TypingError
@@ -166,21 +166,6 @@ def _fixed(problem: _Problem, step_size: float) -> Solution:
     return Solution(t, y, steps * len(tableau.evaluated_stages))
 
 
-class _Chunk(NamedTuple):
-    """Storage for the accepted steps of one call of an adaptive loop."""
-
-    t: np.ndarray  #: (n,)
-    y: np.ndarray  #: (m, n)
-    slopes: np.ndarray  #: (n, s, m)
-
-    @classmethod
-    def empty(cls, m: int, stages: int) -> Self:
-        return cls(np.empty(_CHUNK), np.empty((m, _CHUNK)), np.empty((_CHUNK, stages, m)))
-
-    def first(self, n: int) -> Self:
-        return self._replace(t=self.t[:n], y=self.y[:, :n], slopes=self.slopes[:n])
-
-
 def _adaptive(problem: _Problem, rtol: float, atol: np.ndarray) -> Solution:
     """Integrate with steps chosen by the embedded pair; results are collected in chunks."""
     _, t, end, y, tableau, _, s, args = problem
@@ -188,23 +173,24 @@ def _adaptive(problem: _Problem, rtol: float, atol: np.ndarray) -> Solution:
     loop, state = _loop(problem, adaptive=True)
     power = -0.5 / (_lower_order(tableau) + 1)
     h, nfev = _first_step(problem, atol + rtol * np.abs(y), 2 * power)
-    chunks, rejected = [_Chunk(np.array([t]), y[:, None], np.empty((0, stages, m)))], 0
+    times, states, slopes, rejected = [np.array([t])], [y[:, None]], [], 0
     tolerances = rtol, state(atol), power
     while t != end:
-        room = _Chunk.empty(m, stages)
+        room = np.empty(_CHUNK), np.empty((m, _CHUNK)), np.empty((_CHUNK, stages, m))
         with np.errstate(all="ignore"):
             n, lost, t, h = loop(t, end, h, state(y), state(s), *tolerances, *room, args)
-        chunks.append(room.first(n))
+        times.append(room[0][:n])
+        states.append(room[1][:, :n])
+        slopes.append(room[2][:n])
         rejected += lost
         nfev += 1 + (n + lost) * (stages - 1) + (0 if tableau.fsal else n)
         if n:
-            y = chunks[-1].y[:, -1].copy()
-            _raise_if_lost(problem, chunks[-1].t, chunks[-1].y, setting)
+            y = states[-1][:, -1].copy()
+            _raise_if_lost(problem, times[-1], states[-1], setting)
         if t != end and n < _CHUNK:
             raise IntegrationError(
                 f"{problem.told(setting)}: the step size fell to {h:.3g} at t = {t:.6g}"
             )
-    times, states, slopes = zip(*chunks, strict=True)
     run = Solution(np.concatenate(times), np.concatenate(states, axis=1), nfev, rejected)
     if tableau.interpolant is None or len(run.t) == 1:
         return run
