@@ -102,17 +102,6 @@ def cheapest(runs: pd.DataFrame, target: float, by: str) -> pd.DataFrame:
     return met.loc[met.groupby(["problem", "method"], sort=False)[by].idxmin()]
 
 
-def reasons(failures: pd.DataFrame) -> list[list[str]]:
-    """Rows of method, problems, settings and reason: failures that differ in numbers are one."""
-    numbers = r"step size [\d.e-]+|t = \S+|step \d+"
-    alike = failures.assign(reason=failures["reason"].str.replace(numbers, "…", regex=True))
-    return [
-        [method, ", ".join(part["problem"].unique()),
-         f"{part['setting'].min():g} to {part['setting'].max():g}", reason]
-        for (method, reason), part in alike.groupby(["method", "reason"], sort=False)
-    ]  # fmt: skip
-
-
 def cpu_change(timing: Timing, new: str, prior: str) -> np.ndarray:
     """Return the paper's metric, |CPU new - CPU prior| / CPU prior in per cent: quartiles, median.
 

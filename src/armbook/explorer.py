@@ -1,7 +1,6 @@
 """The table behind the page Explorer: exact step responses over a grid of three parameters."""
 
 import base64
-import json
 from collections.abc import Sequence
 from itertools import product
 from typing import Any
@@ -152,9 +151,3 @@ def distance(curve: np.ndarray, t: np.ndarray, exact: np.ndarray) -> float:
     near = np.array([np.interp(t + shift, *curve) for shift in shifts])
     off = np.maximum(exact - near.max(axis=0), near.min(axis=0) - exact)
     return float(off.max() / np.ptp(exact))
-
-
-def fragment(table: dict[str, Any]) -> str:
-    """HTML that carries the table inside a page, where a script finds it without a server."""
-    text = json.dumps(table, separators=(",", ":"))
-    return f'<script type="application/json" id="explorer-data">{text}</script>\n'

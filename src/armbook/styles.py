@@ -2,21 +2,14 @@
 
 from typing import Any
 
-from armsim.methods import tableaux
+from armsim.methods.tableaux import DP4, DP5, EULER, RK4_GILL, RK5, RK6
 from reportkit.figures import INK, MARKERS, PALETTE
 
 #: What a colour means wherever one of these appears.
 COLOUR = dict(zip(("arm", "motor", "command", "gear", "limit"), PALETTE, strict=True))
 
 #: The corrected methods, in the order of the report.
-METHODS = (
-    tableaux.EULER,
-    tableaux.RK4_GILL,
-    tableaux.RK5,
-    tableaux.RK6,
-    tableaux.DP5,
-    tableaux.DP4,
-)
+METHODS = (EULER, RK4_GILL, RK5, RK6, DP5, DP4)
 #: By the name of a method: what stands for it in the name of a recorded value.
 KEY = {method.name: method.name.split()[0].replace("-", "_") for method in METHODS}
 #: By the name of a method: properties of its line.

@@ -5,6 +5,8 @@ import math
 from collections.abc import Iterable
 from numbers import Integral, Real
 
+import numpy as np
+
 
 class IntegrationError(ArithmeticError):
     """Failure of an integration before its end."""
@@ -56,6 +58,21 @@ def checked_count(name: str, value: object, least: int = 1) -> int:
     if value < least:
         raise ValueError(f"{name} = {value!r} is not allowed; it must be at least {least}")
     return int(value)
+
+
+def checked_times(t: object, start: float, end: float) -> np.ndarray:
+    """Return a time or times as a row (n,), if all lie within a run from `start` to `end`.
+
+    Raises
+    ------
+    ValueError
+        If one does not.
+    """
+    times, (low, high) = np.array(t, dtype=float, ndmin=1), sorted((start, end))
+    outside = times[~((times >= low) & (times <= high))]
+    if outside.size:
+        raise ValueError(f"t = {outside[0]} is outside the run; allowed is {low} to {high}")
+    return times
 
 
 def hint(name: object, known: Iterable[str]) -> str:

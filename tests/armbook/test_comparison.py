@@ -10,7 +10,6 @@ from armbook.comparison import (
     cheapest,
     compare,
     cpu_change,
-    reasons,
     step_size_for,
 )
 from armbook.peers import peers
@@ -87,22 +86,6 @@ def test_the_cheapest_run_that_is_good_enough():
             )
             got = found[(found["problem"] == problem) & (found["method"] == method)]
             assert list(got["seconds"]) == wanted[:1]
-
-
-def test_failures_that_differ_in_numbers_are_one():
-    text = "RK6, step size {}: component 0 blew up at t = {}, step {}"
-    failures = pd.DataFrame(
-        [
-            ["RK6", "arm", 1e-4, text.format(0.0001, 0.5, 7)],
-            ["RK6", "move", 1e-5, text.format(1e-05, 2, 71)],
-            ["RK6", "arm", 1e-6, "left out"],
-        ],
-        columns=["method", "problem", "setting", "reason"],
-    )
-    assert reasons(failures) == [
-        ["RK6", "arm, move", "1e-05 to 0.0001", "RK6, …: component 0 blew up at … …"],
-        ["RK6", "arm", "1e-06 to 1e-06", "left out"],
-    ]
 
 
 def test_the_papers_metric_is_the_size_of_a_change():

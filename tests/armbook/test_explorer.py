@@ -1,7 +1,5 @@
 """The explorer's table: packed curves against the runs that they come from."""
 
-import json
-import re
 from itertools import product
 
 import numpy as np
@@ -50,11 +48,3 @@ def test_distance_forgives_a_tick_and_no_more():
     for late, far in ((0.9, False), (1.5, True)):
         curve = np.array([[0, 0.5 + late * tick, 0.5 + late * tick + 1e-9, 1.2], [0, 0, 1, 1]])
         assert (explorer.distance(curve, t, jump) > 0.5) == far
-
-
-def test_fragment_carries_the_table(table):
-    text = re.fullmatch(r"<script[^>]*>(.*)</script>\n", explorer.fragment(table))
-    assert text
-    carried = json.loads(text[1])
-    assert carried["published"] == {"T_p": 1, "K_2": 0, "set_velocity": 1}
-    assert carried["points"] == table["points"]

@@ -23,7 +23,7 @@ from armsim.arm.dynamics import (
 )
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
-from armsim.checks import IntegrationError, checked_count, checked_number
+from armsim.checks import IntegrationError, checked_count, checked_number, checked_times
 from armsim.exact import crossing
 from armsim.exact.piecewise_affine import Event, ExactSolution, require_finished
 from armsim.methods.runge_kutta import Form, integrate
@@ -138,11 +138,7 @@ class Steps:
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """States at the times `t` by cubic Hermite interpolation."""
-        times = np.array(t, dtype=float, ndmin=1)
-        outside = times[~((times >= self.t[0]) & (times <= self.end))]
-        if outside.size:
-            allowed = f"allowed is {self.t[0]} to {self.end}"
-            raise ValueError(f"t = {outside[0]} is outside the run; {allowed}")
+        times = checked_times(t, float(self.t[0]), self.end)
         left = np.searchsorted(self.t[1:-1], times, side="right")
         h = self.t[left + 1] - self.t[left]
         s = (times - self.t[left]) / h

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armsim.checks import IntegrationError
+from armsim.checks import IntegrationError, checked_times
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
@@ -257,13 +257,9 @@ class ExactSolution:
         ValueError
             If a time lies outside the run.
         """
-        start, end = self.start, self.end
-        if isinstance(t, float) and start <= t <= end:  # fast path for a scalar
+        if isinstance(t, float) and self.start <= t <= self.end:  # fast path for a scalar
             return self.states(self.record, np.array([t]))[:, 0]
-        times = np.array(t, dtype=float, ndmin=1)
-        for time in (times.min(initial=start), times.max(initial=end)):
-            if not start <= time <= end:
-                raise ValueError(f"t = {time} is outside the run; allowed is {start} to {end}")
+        times = checked_times(t, self.start, self.end)
         states = self.states(self.record, times)
         return states if np.ndim(t) else states[:, 0]
 

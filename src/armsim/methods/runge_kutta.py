@@ -10,7 +10,7 @@ import numpy as np
 from numba.core.errors import TypingError
 from numba.extending import is_jitted
 
-from armsim.checks import IntegrationError, checked_number
+from armsim.checks import IntegrationError, checked_number, checked_times
 from armsim.methods import trees
 from armsim.methods.loops import FORMS, compiled_loop, python_loop
 from armsim.methods.tableaux import Tableau
@@ -46,10 +46,7 @@ class Solution:
         """
         if self._interpolate is None:
             raise ValueError("this solution has fixed steps and no continuous extension")
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-        low, high = sorted((self.t[0], self.t[-1]))
-        if not ((times >= low) & (times <= high)).all():
-            raise ValueError(f"t = {t}: outside the run, which goes from {low} to {high}")
+        times = checked_times(t, float(self.t[0]), float(self.t[-1]))
         y = self._interpolate(times)
         return y[:, 0] if np.ndim(t) == 0 else y
 

@@ -119,11 +119,6 @@ class Condition:
     weight: sympy.Expr  #: elementary weight, exact
     residual: sympy.Expr  #: weight - 1/density, zero if the condition holds
 
-    @property
-    def error_coefficient(self) -> sympy.Expr:
-        """Factor of h^order F(t)(y) in the local error (Hairer et al., II.3)."""
-        return self.residual / self.symmetry
-
 
 class _Method:
     """Tableau over the smallest field that contains it, where tests for zero are exact."""
