@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "book" / "results"
 #: What takes long, and measures nothing, and runs the same code as the others.
-LEFT_OUT = {"52_parameter_fit", "54_parameter_study", "70_explorer"}
+LEFT_OUT = {"40_exact_solution", "52_parameter_fit", "54_parameter_study", "70_explorer"}
 
 
 def measures_time(records: Path) -> bool:

@@ -14,13 +14,13 @@ from reportkit import pdf
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def book(site, tmp_path_factory):
+@pytest.fixture
+def book(site, tmp_path):
     try:
         pdf.browser()
     except FileNotFoundError as error:
         pytest.skip(str(error))
-    folder = tmp_path_factory.mktemp("pdf")
+    folder = tmp_path
     subprocess.run(  # from the pages as they are
         ["make", "-o", "_build/.built", "pdf", f"PDF={folder}/book.pdf", f"SINGLE={folder}/single"],
         cwd=ROOT, check=True, capture_output=True,
@@ -49,7 +49,14 @@ def elements(node, kind):
     return found
 
 
-def test_every_chapter_is_in_the_outline(book, site, read):
+def test_the_book_as_one_pdf(book, site):
+    """In one test, so that no two workers make the PDF."""
+    every_chapter_is_in_the_outline(book, site)
+    it_is_tagged_and_says_what_it_is(book)
+    formulas_are_drawn_and_numbers_are_there(book)
+
+
+def every_chapter_is_in_the_outline(book, site):
     headings = re.findall(r"<h1>(.*?)<a", "".join(
         path.read_text(encoding="utf-8") for path in sorted(site.glob("book/*.html"))
     ))  # fmt: skip
@@ -60,7 +67,7 @@ def test_every_chapter_is_in_the_outline(book, site, read):
     assert "What “order p” demands" in titles  # a formula among the words
 
 
-def test_it_is_tagged_and_says_what_it_is(book):
+def it_is_tagged_and_says_what_it_is(book):
     root = book.trailer["/Root"]
     assert root["/MarkInfo"]["/Marked"]
     assert root["/Lang"].startswith("en")
@@ -70,7 +77,7 @@ def test_it_is_tagged_and_says_what_it_is(book):
     assert len(figures) >= len(list((ROOT / "book" / "results").glob("[0-9]*.svg")))
 
 
-def test_formulas_are_drawn_and_numbers_are_there(book):
+def formulas_are_drawn_and_numbers_are_there(book):
     """Read up to the notebooks, whose code has formulas as text."""
     (notebooks,) = [e for e in entries(book.outline) if e.title == "The model: parameters"]
     pages = book.pages[: book.get_destination_page_number(notebooks)]
