@@ -10,8 +10,16 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "book" / "results"
-#: What takes long, and measures nothing, and runs the same code as the others.
-LEFT_OUT = {"40_exact_solution", "52_parameter_fit", "54_parameter_study", "70_explorer"}
+#: What takes long or runs the same code as the others.
+LEFT_OUT = {
+    "12_order_conditions",
+    "20_linear_step_response",
+    "40_exact_solution",
+    "52_parameter_fit",
+    "54_parameter_study",
+    "56_our_choices",
+    "70_explorer",
+}
 
 
 def measures_time(records: Path) -> bool:
