@@ -75,15 +75,6 @@ TIMED := $(patsubst notebooks/%,book/results/%,$(shell grep -lE '$(CALLED)' $(NO
 UNTIMED := $(filter-out $(TIMED),$(RESULTS))
 $(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
 
-# The exact solver is compiled once, beside the notebooks that do not simulate.
-SOLVER := $(VENV)/.solver
-$(SOLVER): $(filter src/armsim/%,$(INPUTS)) $(LOCKED) | $(INSTALLED)
-	@echo 'Compiling the exact solver, if it has changed'
-	@$(BIN)/python -c 'from armsim.arm import AxisParameters, simulate; simulate(AxisParameters.paper_x_axis())'
-	@touch $@
-SIMULATING := $(shell grep -lwE 'simulate|identify|step_quality' $(NOTEBOOKS) /dev/null)
-$(SIMULATING:notebooks/%=book/results/%): | $(SOLVER)
-
 # What the pages show of all results together: the verdicts; the modules, versions and data.
 SUMMARIES := $(addprefix book/results/,verdicts.md appendix-architecture.svg)
 $(SUMMARIES): $(RESULTS) $(INPUTS) data/paper/claims.toml $(LOCKED) $(if $(STALE),forget)
@@ -93,7 +84,7 @@ book/results/appendix-architecture.svg:
 	@$(BIN)/python -m armbook.architecture $(@D)
 
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.
-$(BUILT): $(SOLVER) $(PAGES) $(RESULTS) $(SUMMARIES) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
+$(BUILT): $(PAGES) $(RESULTS) $(SUMMARIES) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
 	@echo 'Building the HTML'
 	@rm -rf $@ _build/html _build/.doctrees
 	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null
