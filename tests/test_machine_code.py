@@ -384,3 +384,18 @@ def test_code_of_a_script_that_is_no_module_is_compiled_again(tmp_path):
     code = f"import runpy; runpy.run_path({str(tmp_path / 'script.py')!r})"
     for _ in range(2):
         assert run(code, NUMBA_CACHE_DIR=str(tmp_path / "cache")) == ["0.36788"]
+
+
+def test_options_of_the_function_itself_name_other_code(tmp_path, monkeypatch):
+    """The same function with other options finds no code of the first, and the first finds its."""
+    monkeypatch.setattr(machine_code.config, "CACHE_DIR", str(tmp_path))
+
+    def twice(x):
+        return 2.0 * x + 1.0
+
+    def loads(**options):
+        compiled = kept(**options)(twice)
+        assert compiled(1.0) == 3.0
+        return sum(compiled.stats.cache_hits.values())
+
+    assert [loads(fastmath=False), loads(fastmath=False), loads(fastmath=True)] == [0, 1, 0]

@@ -223,7 +223,8 @@ def kept(**options: Any) -> Callable[[Callable], Callable]:
     """
 
     def compiled(function: Callable) -> Callable:
-        dispatcher, stamp, folder = njit(**options)(function), fingerprint(function), _folder()
+        dispatcher, folder = njit(**options)(function), _folder()
+        stamp = fingerprint(dispatcher)  # its options too
         if stamp is not None and folder is not None:
             dispatcher._cache = _Files(function, stamp, folder)
         return dispatcher
