@@ -399,3 +399,18 @@ def test_options_of_the_function_itself_name_other_code(tmp_path, monkeypatch):
         return sum(compiled.stats.cache_hits.values())
 
     assert [loads(fastmath=False), loads(fastmath=False), loads(fastmath=True)] == [0, 1, 0]
+
+
+@pytest.mark.parametrize("damage", [b"", b"no machine code"])
+def test_a_damaged_file_is_compiled_again(tmp_path, monkeypatch, damage):
+    monkeypatch.setattr(machine_code.config, "CACHE_DIR", str(tmp_path))
+
+    def half(x):
+        return 0.5 * x
+
+    assert kept()(half)(3.0) == 1.5
+    (file,) = tmp_path.rglob("*.nbc")
+    file.write_bytes(damage)
+    again = kept()(half)
+    assert again(3.0) == 1.5 and not again.stats.cache_hits
+    assert file.read_bytes() != damage

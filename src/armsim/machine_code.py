@@ -160,7 +160,8 @@ class _Files(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
-        with suppress(OSError, ImportError, _Unknown):  # a script that runpy runs is no module
+        # ImportError: a script that runpy runs is no module. The others: a damaged file.
+        with suppress(OSError, ImportError, EOFError, pickle.UnpicklingError, _Unknown):
             data = self._file(sig, target_context.codegen()).read_bytes()
             return CompileResult._rebuild(target_context, *pickle.loads(data))
         return None
