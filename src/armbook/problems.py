@@ -110,10 +110,13 @@ class Problem:
             y = np.ascontiguousarray(found[:, -1])
         return np.concatenate(t), np.concatenate(states, axis=1)
 
+    def errors(self, t: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Errors (m, k) at times (k,), relative to each component's largest value."""
+        return np.abs(self.outputs(y) - self.exact(t)) / self.scale[:, None]
+
     def error(self, t: np.ndarray, y: np.ndarray) -> float:
-        """Largest error, relative to each component's largest value; inf if not finite."""
-        difference = np.abs(self.outputs(y) - self.exact(t))
-        value = float((difference / self.scale[:, None]).max())
+        """Largest of the errors along the run; inf if not finite."""
+        value = float(self.errors(t, y).max())
         return value if np.isfinite(value) else np.inf
 
 
@@ -164,10 +167,11 @@ def _arm_equations(flow: Callable, p: AxisParameters) -> Equations:
     return Equations(flow, (constants(p),))
 
 
-def arm_problems(run: Trajectory, interval: float = 5e-3) -> tuple[Problem, Problem]:
+def arm_problems(run: Trajectory, interval: float | np.ndarray = 5e-3) -> tuple[Problem, Problem]:
     """Return the problem of an exact run from rest, and the same restarted at its events.
 
-    The first has the right-hand side with all limits; in the second each leg has the equations
+    States are compared at equal intervals in s, or at the times (n,) given, from 0 to the end. The
+    first problem has the right-hand side with all limits; in the second each leg has the equations
     of the region that the exact run is in. Under control both start anew at each sample.
     """
     grid, controlled = _grid(run, interval), run if run.control is not None else None
@@ -198,5 +202,7 @@ def exactly(run: Trajectory, interval: float = 5e-3) -> Callable[[], np.ndarray]
     return lambda: simulate(run.parameters, volts, run.t_end, control=run.control)(grid)
 
 
-def _grid(run: Trajectory, interval: float) -> np.ndarray:
+def _grid(run: Trajectory, interval: float | np.ndarray) -> np.ndarray:
+    if isinstance(interval, np.ndarray):
+        return interval
     return np.append(np.arange(0.0, run.t_end - 1e-9, interval), run.t_end)

@@ -1,33 +1,33 @@
-"""Claims, each tested on recorded values by a criterion fixed in advance.
+"""Claims, each tested on recorded values by a criterion that stands beside it.
 
 A claim that passes its tests is confirmed; one that fails them, but passes those of a corrected
-reading, is confirmed with a correction; one that fails both is refuted. A claim may say that it
-cannot be tested, and why.
+reading, is confirmed with a correction; one that fails both is refuted. Other reasonable readings
+of the claim are tested beside it. If one of them, or a changed choice of the authors, turns the
+result, the claim depends on the reading. A claim may say that it cannot be tested, and why.
 """
 
 import sys
 import tomllib
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import pandas as pd
-from matplotlib import pyplot as plt
-from matplotlib.figure import Figure
 
-from reportkit import figures, text
+from reportkit import text
 from reportkit.check import load_all
 from reportkit.project import Project
 
-CONFIRMED, CORRECTED = "confirmed", "confirmed with a correction"
-REFUTED, UNTESTABLE = "refuted", "cannot be tested"
-VERDICTS = (CONFIRMED, CORRECTED, REFUTED, UNTESTABLE)
+CONFIRMED, CORRECTED, REFUTED = "confirmed", "confirmed with a correction", "refuted"
+DEPENDS, UNTESTABLE = "depends on the reading", "cannot be tested"
+#: Every verdict in the order of the report, with its symbol.
+VERDICTS = {REFUTED: "✗", DEPENDS: "◐", CORRECTED: "✓*", CONFIRMED: "✓", UNTESTABLE: "?"}
 _RELATIONS = {"equals": "", "above": "> ", "below": "< "}
 
-HEADING = ["the paper says", "required", "measured", "difference", "tolerance", "verdict"]
+PUBLISHED = "published"  #: the case that the other variations are compared with
+HEADING = ["the paper says", "verdict", "readings, each with what is measured", "computed"]
 
 Records = Mapping[str, Mapping[str, Mapping[str, Any]]]  #: study, name, record
 
@@ -90,18 +90,32 @@ class Test:
             return abs(value - bound) <= self.tolerance
         return value > bound if self.relation == "above" else value < bound
 
-    def row(self, records: Records) -> tuple[str, str, str, str]:
-        """Return required value, measured value, difference and tolerance, as texts."""
+    def told(self, records: Records) -> str:
+        """Return the measured and the required value as a text."""
         value, bound = _number(records, self.value), self.bound(records)
         unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
         unit = "" if unit == "1" else f" {unit}"
-        tolerance = f"{self.tolerance:g}{unit}" if self.tolerance else "exact"
-        return (
-            f"{_RELATIONS[self.relation]}{bound:{self.format}}{unit}",
-            f"{value:{self.format}}{unit}",
-            f"{value - bound:+{self.format}}{unit}".replace("-", "−"),
-            tolerance if self.relation == "equals" else "one-sided",
-        )
+        allowed = f" ± {self.tolerance:g}" if self.tolerance else ""
+        required = f"{_RELATIONS[self.relation]}{bound:{self.format}}{allowed}"
+        return f"{value:{self.format}}{unit} (required {required})".replace("-", "−")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read a claim, and its tests, all of which have to pass."""
+
+    name: str
+    tests: Sequence[Test]
+
+    def holds(self, records: Records) -> bool:
+        """Return whether the claim holds, read in this way."""
+        return all(test.passes(records) for test in self.tests)
+
+    def told(self, records: Records) -> str:
+        """Return the result of each test, after a symbol for the whole."""
+        mark = VERDICTS[CONFIRMED if self.holds(records) else REFUTED]
+        name = f"{self.name}: " if self.name else ""
+        return f"{mark} {name}{', '.join(test.told(records) for test in self.tests)}"
 
 
 @dataclass(frozen=True)
@@ -111,7 +125,7 @@ class Claim:
     Parameters
     ----------
     name : str
-        Short name for the figure.
+        Short name for the list of verdicts, in plain text.
     where : str
         Place of the statement in its source.
     text : str
@@ -120,8 +134,12 @@ class Claim:
         Page of the book that shows the evidence.
     tests : list of Test
         Tests of the statement as printed.
+    reading : str
+        Name of the reading that these tests make, if there are others.
     corrected : list of Test
         Tests of a corrected reading.
+    readings : list of Reading
+        Other reasonable readings.
     note : str
         Correction, reason or assumption.
     untestable : bool
@@ -133,7 +151,9 @@ class Claim:
     text: str
     page: str
     tests: Sequence[Test] = field(default=())
+    reading: str = ""
     corrected: Sequence[Test] = field(default=())
+    readings: Sequence[Reading] = field(default=())
     note: str = ""
     untestable: bool = False
 
@@ -142,16 +162,33 @@ class Claim:
             raise ClaimError(f"{self.name}: tests, or that it is untestable, one of them")
         if (self.untestable or self.corrected) and not self.note:
             raise ClaimError(f"{self.name}: the note is missing")
+        if bool(self.readings) != bool(self.reading):
+            raise ClaimError(f"{self.name}: name the reading of its tests if it has other readings")
 
-    def verdict(self, records: Records) -> str:
-        """Return one of `VERDICTS`."""
+    def as_listed(self) -> list[Reading]:
+        """Return all readings, that of the claim's own tests first."""
+        own = [Reading(self.reading, self.tests)] if self.tests else []
+        corrected = [Reading("corrected", self.corrected)] if self.corrected else []
+        return [*own, *corrected, *self.readings]
+
+    def verdict(self, records: Records, turned: Sequence[str] = ()) -> str:
+        """Return one of `VERDICTS`.
+
+        Parameters
+        ----------
+        records
+            Recorded values.
+        turned : list of str
+            Changed choices with which the verdict is another.
+        """
         if self.untestable:
             return UNTESTABLE
-        if all(test.passes(records) for test in self.tests):
-            return CONFIRMED
-        if self.corrected and all(test.passes(records) for test in self.corrected):
-            return CORRECTED
-        return REFUTED
+        verdict = REFUTED
+        for tests, reached in ((self.tests, CONFIRMED), (self.corrected, CORRECTED)):
+            if verdict == REFUTED and tests and all(test.passes(records) for test in tests):
+                verdict = reached
+        others = {reading.holds(records) for reading in self.readings}
+        return DEPENDS if turned or others - {verdict != REFUTED} else verdict
 
 
 def load(path: Path) -> list[Claim]:
@@ -167,10 +204,39 @@ def load(path: Path) -> list[Claim]:
         try:
             for key in {"tests", "corrected"} & set(table):
                 table[key] = [Test(**test) for test in table[key]]
+            if "readings" in table:
+                table["readings"] = [
+                    Reading(name, [Test(**test) for test in tests])
+                    for name, tests in table["readings"].items()
+                ]
             claims.append(Claim(**table))
         except TypeError as error:
             raise ClaimError(f"{table.get('name', table)}: {error}") from None
     return claims
+
+
+def load_opinions(path: Path) -> dict[str, list[str]]:
+    """Read for each recorded value how it was computed again; nothing if there is no such file."""
+    found = defaultdict(list)
+    told = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    for opinion in told.get("opinion", ()):
+        for place in opinion["values"]:
+            found[place].append(opinion["how"])
+    return found
+
+
+def load_turned(path: Path) -> dict[str, list[str]]:
+    """Read for each claim the changed choices with which its verdict is another.
+
+    The file has the columns ``variation``, ``claim`` and ``verdict``, and the rows of the variation
+    `PUBLISHED`. An empty verdict is that of a claim that the change makes meaningless.
+    """
+    if not path.is_file():
+        return {}
+    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    table = rows.pivot(index="claim", columns="variation", values="verdict")
+    other = table.ne(table[PUBLISHED], axis=0) & table.ne("")
+    return {claim: list(row.index[row]) for claim, row in other.iterrows()}
 
 
 def _record(records: Records, place: str) -> Mapping[str, Any]:
@@ -187,67 +253,95 @@ def _number(records: Records, place: str) -> float:
 # --- what pages include -------------------------------------------------------------------------
 
 
-def table(claims: Iterable[Claim], records: Records) -> str:
-    """Return the table of the claims and their verdicts, for a page in the folder of the pages."""
-    rows = []
-    for claim in claims:
-        verdict = claim.verdict(records)
-        tests = [*claim.tests, *(claim.corrected if verdict == CORRECTED else ())]
-        columns = zip(*(test.row(records) for test in tests), strict=True)
-        cells = [*map("<br>".join, columns)] or ["–"] * 4
+@dataclass(frozen=True)
+class Verdicts:
+    """The claims of a report with all that decides on them."""
+
+    claims: Sequence[Claim]
+    records: Records
+    turned: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    opinions: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def of(self, claim: Claim) -> str:
+        """Return the verdict on a claim."""
+        return claim.verdict(self.records, self.turned.get(claim.name, ()))
+
+    def by_verdict(self) -> dict[str, list[Claim]]:
+        """Return the claims of each verdict that there is, in the order of `VERDICTS`."""
+        found = {verdict: [c for c in self.claims if self.of(c) == verdict] for verdict in VERDICTS}
+        return {verdict: claims for verdict, claims in found.items() if claims}
+
+    def table(self) -> str:
+        """Return the table of the claims, for a page in the folder of the pages."""
+        return text.markdown_table(HEADING, [self._row(claim) for claim in self.claims])
+
+    def _row(self, claim: Claim) -> list[str]:
+        verdict = self.of(claim)
         note = f": {claim.note}" if claim.note else ""
-        told = f"**{verdict}**{note} ({{doc}}`shown here <{claim.page}>`)"
-        rows.append([f"{claim.text} ({claim.where})", *cells, told])
-    return text.markdown_table(HEADING, rows)
+        told = [reading.told(self.records) for reading in claim.as_listed()]
+        told += [f"◐ {choice}: another verdict" for choice in self.turned.get(claim.name, ())]
+        return [
+            f"{claim.text} ({claim.where})",
+            f"{VERDICTS[verdict]} **{verdict}**{note} ({{doc}}`shown here <{claim.page}>`)",
+            "<br>".join(told) or "–",
+            self._computed(claim),
+        ]
 
+    def _computed(self, claim: Claim) -> str:
+        places = {test.value for reading in claim.as_listed() for test in reading.tests}
+        if not places:
+            return "–"
+        how = sorted({how for place in places for how in self.opinions.get(place, ())})
+        measured = [not _record(self.records, place).get("compared", True) for place in places]
+        how += ["some values are timings" if any(measured) else ""]
+        times = "twice" if len(how) > 1 else "once"
+        return f"{times}: {'; '.join(['by the notebook', *filter(None, how)])}"
 
-def summary(claims: Sequence[Claim], records: Records) -> str:
-    """Return one sentence that counts the verdicts."""
-    counts = Counter(claim.verdict(records) for claim in claims)
-    verbs = {name: "is " if counts[name] == 1 else "are " for name in VERDICTS} | {UNTESTABLE: ""}
-    *others, last = [f"{counts[name]} {verbs[name]}{name}" for name in VERDICTS if counts[name]]
-    return f"Of {len(claims)} claims, {', '.join(others)}{' and ' if others else ''}{last}.\n"
+    def summary(self) -> str:
+        """Return one sentence that counts the verdicts."""
+        counts = {verdict: len(claims) for verdict, claims in self.by_verdict().items()}
+        verbs = {DEPENDS: "", UNTESTABLE: ""}
+        told = [
+            f"{n} {verbs.get(name, 'is ' if n == 1 else 'are ')}{name}"
+            for name, n in counts.items()
+        ]
+        *others, last = [item.replace("depends", "depend", int(item[:2] != "1 ")) for item in told]
+        return (
+            f"Of {len(self.claims)} claims, {', '.join(others)}{' and ' if others else ''}{last}.\n"
+        )
 
-
-_LOOK = {CONFIRMED: (3, "o"), CORRECTED: (0, "D"), REFUTED: (1, "X"), UNTESTABLE: (4, "s")}
-
-
-@mpl.rc_context(figures.STYLE)
-def figure(claims: Sequence[Claim], records: Records) -> Figure:
-    """Draw the claims by verdict, one line each in two columns."""
-    groups = {name: [c.name for c in claims if c.verdict(records) == name] for name in VERDICTS}
-    sides = ((CONFIRMED, UNTESTABLE), (CORRECTED, REFUTED))
-    height = max(sum(len(groups[name]) + 2 for name in side if groups[name]) for side in sides)
-    fig, ax = plt.subplots(figsize=(figures.WIDTH, 0.27 * height))
-    for left, side in enumerate(sides):
-        y = 0
-        for verdict in (name for name in side if groups[name]):
-            colour, marker = _LOOK[verdict]
-            ax.text(left, y, f"{len(groups[verdict])} {verdict}", weight="bold", va="center")
-            for n, name in enumerate(groups[verdict], 1):
-                ax.plot(left + 0.03, y - n, marker, color=figures.PALETTE[colour], ms=7)
-                ax.text(left + 0.08, y - n, name, va="center")
-            y -= len(groups[verdict]) + 2
-    ax.set(xlim=(0, 2), ylim=(1.0 - height, 0.7))
-    ax.set_axis_off()
-    return fig
+    def listed(self, pages: str) -> str:
+        """Return the claims by verdict as lists of links into a folder of pages."""
+        lines = []
+        for verdict, claims in self.by_verdict().items():
+            lines += [f"**{VERDICTS[verdict]} {len(claims)} {verdict}**", ""]
+            lines += [f"- {{doc}}`{claim.name} <{pages}/{claim.page}>`" for claim in claims] + [""]
+        return "\n".join(lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``python -m reportkit.claims RESULTS``: write the verdicts beside the results."""
     (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    project = Project.find()
     try:
-        claims, records = load(Project.find().claims), load_all(results)
-        verdicts = [(claim.name, claim.where, claim.verdict(records)) for claim in claims]
+        found = Verdicts(
+            load(project.claims),
+            load_all(results),
+            load_turned(project.variations),
+            load_opinions(project.opinions),
+        )
+        verdicts = [(claim.name, claim.where, found.of(claim)) for claim in found.claims]
+        table = found.table()
     except ClaimError as error:
         print(f"claims.toml: {error}", file=sys.stderr)
         return 1
+    pages = f"/{project.results.parent.relative_to(project.root).as_posix()}"
     frame = pd.DataFrame(verdicts, columns=["claim", "where", "verdict"])
-    figures.save(figure(claims, records), results / "verdicts.svg")
-    text.write(results / "verdicts-summary.md", summary(claims, records))
+    text.write(results / "verdicts-summary.md", found.summary())
+    text.write(results / "verdicts-list.md", found.listed(pages))
     text.write(results / "verdicts.csv", frame.to_csv(index=False, lineterminator="\n"))
     # last, because make takes it as the sign that all are there
-    text.write(results / "verdicts.md", table(claims, records))
+    text.write(results / "verdicts.md", table)
     return 0
 
 

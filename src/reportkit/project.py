@@ -24,11 +24,12 @@ class Project:
     name : str
         Name of the report and of its command; if the report is an installed distribution, the
         name of that too.
-    notebooks, results, expected, claims, choices, data, mathjax : str
+    notebooks, results, expected, claims, opinions, variations, choices, data, mathjax : str
         Relative to `root`: sources of the notebooks; what they make; the values that a rebuild
-        must reproduce; claims and their criteria; a table of values that cells of parameters may
-        refer to; the data whose SHA-256 sums are listed; the script that typesets mathematics on
-        the page of a rerun.
+        must reproduce; claims and their criteria; how recorded values were computed again; the
+        verdicts with changed choices; a table of values that cells of parameters may refer to;
+        the data whose SHA-256 sums are listed; the script that typesets mathematics on the page
+        of a rerun.
     extra : str
         Extra of the distribution that the report needs.
     versions : tuple of str
@@ -41,6 +42,8 @@ class Project:
     results: Path = Path("book/results")
     expected: Path = Path("data/expected")
     claims: Path = Path("data/claims.toml")
+    opinions: Path = Path("data/second_opinions.toml")
+    variations: Path = Path("data/verdicts.csv")
     choices: Path = Path("data/choices.toml")
     data: Path = Path("data")
     mathjax: Path = Path("book/_static/mathjax/tex-svg-full.js")

@@ -9,7 +9,9 @@ import timeit
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
+from math import nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,6 +48,24 @@ class Timing:
         """Lower quartile, median and upper quartile of the ratios within each repetition."""
         return np.quantile(self.of(name) / self.of(to), [0.25, 0.5, 0.75]).tolist()
 
+    @property
+    def spread(self) -> float:
+        """Largest difference between repetitions of a function, as a share of its median."""
+        seconds = self.frame.groupby("function")["seconds"]
+        return float(((seconds.max() - seconds.min()) / seconds.median()).max())
+
+    def interval(self, name: str, to: str) -> list[float]:
+        """Limits of the median ratio at a confidence of 95 %, whatever its distribution.
+
+        They are the order statistics between which the median lies with that probability; NaN if
+        there are fewer than six repetitions.
+        """
+        from scipy.stats import binom  # slow to import
+
+        ratios = np.sort(self.of(name) / self.of(to))
+        k = int(binom.ppf(0.025, ratios.size, 0.5))
+        return [float(ratios[k - 1]), float(ratios[-k])] if k else [nan, nan]
+
 
 def measure(
     functions: Mapping[str, Callable[[], object]],
@@ -56,6 +76,7 @@ def measure(
     clocks: Mapping[str, Clock] = CLOCKS,
     warm_up: bool = True,
     progress: Callable[[int], object] = lambda _: None,
+    enough: Callable[[Timing], bool] = lambda _: False,
 ) -> Timing:
     """Measure the processor time of functions in turn, so that a drift of the machine affects all.
 
@@ -80,6 +101,8 @@ def measure(
         False if the functions have been called already.
     progress : callable, optional
         Called with 1 after each measurement, as a progress bar's `update`.
+    enough : callable, optional
+        Asked after every tenth repetition, with what has been measured, whether to stop.
 
     Returns
     -------
@@ -111,10 +134,16 @@ def measure(
                     counts[name] *= 2
                 rows.append([n, place, name, counts[name], total / counts[name]])
                 progress(1)
+            if n % 10 == 9 and enough(_timing(rows, chosen, resolutions)):
+                break
     finally:
         gc.unfreeze()
-    frame = pd.DataFrame(rows, columns=["repetition", "place", "function", "calls", "seconds"])
-    return Timing(frame, chosen, resolutions[chosen])
+    return _timing(rows, chosen, resolutions)
+
+
+def _timing(rows: list[list[Any]], clock: str, resolutions: Mapping[str, float]) -> Timing:
+    columns = ["repetition", "place", "function", "calls", "seconds"]
+    return Timing(pd.DataFrame(rows, columns=columns), clock, resolutions[clock])
 
 
 def resolution(clock: Clock, samples: int = 100) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from armsim.arm import AxisParameters, simulate
+from armsim.arm import AxisParameters, LinearAxis, simulate
 from armsim.arm.dynamics import Region, affine, constants, rhs
 from armsim.arm.response import (
     SETTLED,
@@ -90,6 +90,8 @@ def test_a_loop_that_buzzes_has_no_ringing():
 def test_arrival_is_the_first_time_at_the_level():
     t = np.array([0.0, 0.5, 1.0, 1.5])
     assert arrival_time(t, np.array([0.0, 2.0, 1.0, 3.0]), 2.0) == 0.5
+    assert arrival_time(t, np.array([0.0, 1.0, 3.0, 4.0]), 2.0) == 0.75
+    assert arrival_time(t, np.array([0.0, -1.0, -3.0, 4.0]), -2.0) == 0.75
     assert arrival_time(t, np.ones(4), 1.0) == 0.0
     assert math.isnan(arrival_time(t, np.zeros(4), 1.0))
     assert math.isnan(arrival_time(t, np.full(4, np.nan), 1.0))
@@ -136,21 +138,35 @@ def test_what_never_rises_has_no_rate():
 
 
 def test_crossings_of_a_cosine():
-    found = crossings(math.cos, np.linspace(0, 10, 50), 0.5)
+    roots, jumps = crossings(math.cos, np.linspace(0, 10, 50), 0.5)
     wanted = [x * np.pi for x in (1 / 3, 5 / 3, 7 / 3)]
-    assert found == pytest.approx(wanted, abs=1e-11)
-    assert crossings(math.cos, np.linspace(0, 10, 50), 2.0) == []
+    assert roots == pytest.approx(wanted, abs=1e-11)
+    assert jumps == []
+    assert crossings(math.cos, np.linspace(0, 10, 50), 2.0) == ([], [])
 
 
 def test_a_crossing_at_a_point_of_the_grid_counts_once():
-    assert crossings(lambda x: x, [-1.0, 0.0, 1.0]) == [0.0]
-    assert crossings(lambda x: -x, [-1.0, 0.0, 1.0]) == [0.0]
+    assert crossings(lambda x: x, [-1.0, 0.0, 1.0]) == ([0.0], [])
+    assert crossings(lambda x: -x, [-1.0, 0.0, 1.0]) == ([0.0], [])
 
 
 def test_what_is_not_a_number_is_no_crossing():
     for sign in (1, -1):
-        found = crossings(lambda x, s=sign: math.nan if x < 1 else s * (x - 2), [0.0, 1.0, 3.0])
+        found, _ = crossings(lambda x, s=sign: math.nan if x < 1 else s * (x - 2), [0.0, 1.0, 3.0])
         assert found == pytest.approx([2.0])
+
+
+def test_the_jump_of_a_settling_time_is_no_root():
+    """At 2 % no time constant makes the linear arm settle in 30 ms: the time jumps across it."""
+    p = AxisParameters.paper_x_axis()
+
+    def settling(T_p):
+        return LinearAxis(p.replace(T_p=T_p)).step_response(10.0).settling_time(0.02)
+
+    roots, (jump,) = crossings(settling, np.geomspace(0.2, 0.4, 9), 0.03)
+    assert roots == []
+    assert settling(jump - 1e-6) == pytest.approx(0.0272, abs=1e-4)
+    assert settling(jump + 1e-6) == pytest.approx(0.0359, abs=1e-4)
 
 
 # --- a method that carries a run on --------------------------------------------------------------

@@ -142,6 +142,20 @@ def test_exchanged_coefficients_are_one_edit():
     assert repair.edits == 1
 
 
+@pytest.mark.parametrize(
+    ("misprints", "changes"),
+    [
+        ({"b2": (32, 90), "b3": (0, 1)}, [("b_2", "32/90", "0"), ("b_3", "0", "32/90")]),
+        ({"a51": (0, 1), "a52": (3, 16)}, [("a_51", "0", "3/16"), ("a_52", "3/16", "0")]),
+    ],
+)
+def test_a_wrong_index_is_one_edit(misprints, changes):
+    (repair,) = search(planted(RK5_UNREDUCED, **misprints)).repairs
+    assert [(c.coefficient, c.printed, c.corrected) for c in repair.changes] == changes
+    assert {change.kind for change in repair.changes} == {"wrong index"}
+    assert repair.edits == 1
+
+
 @pytest.mark.parametrize("tableau", [tableaux.RK5, tableaux.DP5], ids=lambda t: t.name)
 def test_a_method_without_misprint_gives_no_edits(tableau):
     result = search(pairs(tableau))
@@ -211,16 +225,18 @@ def test_the_stage_condition_is_no_restriction_for_the_fifth_order_methods(key):
     # Weights that are not negative need q = 0 for order 5. For all others within the edits only
     # the nodes of Dormand and Prince suit their weights; b q is then orthogonal to 1, c and c²,
     # so that q = t v with known v; and Σ b q² = 0 leaves only t = 0. So the repair is unique
-    # without any condition on the stages.
+    # without any condition on the stages, but for weights with a coefficient at a wrong index.
     rows = paper.printed_fractions(key)
-    versions = [errata._Versions(row) for row in rows[1:]]
+    versions = [errata._Versions(row, reach) for reach, row in enumerate(rows[1:], start=1)]
     correct = [Fraction(int(w.p), int(w.q)) for w in CORRECT[key].b][:6]
     nodes = [Fraction(int(c.p), int(c.q)) for c in CORRECT[key].c][2:6]
     residues = tuple(c.numerator * pow(c.denominator, -1, errata._PRIME) % errata._PRIME
                      for c in nodes)  # fmt: skip
     negative = [b for b in errata._consistent(versions[-1]) if min(b) < 0]
+    misplaced = [b for b in negative if b[1]]  # a weight printed at a wrong index
+    assert len(misplaced) == {"rk5": 0, "ndp5": 5}[key]  # for these, q = 0 is assumed
     assert len(negative) >= 8
-    for b in negative:
+    for b in [b for b in negative if not b[1]]:
         expected = {residues} if list(b) == correct else set()
         assert nodes_of_a_quadrature(b, versions) == expected
     for version, node, residue in zip(versions[1:5], nodes, residues, strict=True):

@@ -53,6 +53,36 @@ def test_times_are_those_of_one_call(machine):
     assert found.resolution == pytest.approx(1e-6)
 
 
+def test_the_interval_holds_the_median_as_often_as_it_says(machine):
+    """Of the order statistics of n draws, the ranks k and n + 1 - k, by the binomial distribution."""
+    ratios = (1 + np.random.default_rng(3).permutation(20) / 20).tolist()
+    functions = {"a": machine.function("a", 1.0, *ratios), "b": machine.function("b", 1.0)}
+    found = measured(machine, functions, repetitions=20)
+    # P(B < 6) = 0.0207 <= 0.025 < P(B < 7) for B ~ Bin(20, 1/2), so the ranks are 6 and 15
+    assert found.interval("a", to="b") == pytest.approx([1 + 5 / 20, 1 + 14 / 20], rel=1e-4)
+    few = measured(machine, functions, repetitions=5)
+    assert np.isnan(few.interval("a", to="b")).all()
+
+
+def test_the_spread_is_that_of_the_most_unsteady_function(machine):
+    functions = {"a": machine.function("a", 1.0, 1.0, 1.5, 1.2), "b": machine.function("b", 3.0)}
+    found = measured(machine, functions, repetitions=3)  # a warm-up takes the first
+    assert found.spread == pytest.approx(0.5 / 1.2, rel=1e-4)
+
+
+def test_it_stops_when_it_is_enough(machine):
+    functions = {"one": machine.function("one", 1.0)}
+    seen = []
+
+    def enough(so_far):
+        seen.append(len(so_far.frame))
+        return len(seen) == 2
+
+    assert len(measured(machine, functions, repetitions=99, enough=enough).frame) == 20
+    assert seen == [10, 20]
+    assert len(measured(machine, functions, repetitions=7).frame) == 7
+
+
 def test_each_repetition_goes_once_through_all_in_its_own_order(machine):
     functions = {name: machine.function(name, 1.0) for name in "abcd"}
     found = measured(machine, functions, repetitions=6)

@@ -1,11 +1,12 @@
 """Characteristics of a run or of a scan of runs: settling time, ringing, crossings.
 
-A characteristic is NaN if the run does not have it, because it never arrives or does not ring.
+A characteristic is NaN if the run does not have it: it never arrives, never settles, or does not
+ring. A missing value must not be mistaken for zero.
 """
 
 from collections.abc import Callable, Sequence
 from math import inf, nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,10 +35,10 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
     Returns
     -------
     float
-        ``t[0]`` if the signal never leaves the band, NaN if it is still outside at the end.
+        ``t[0]`` if the signal never leaves the band, NaN if it is outside at the end or is NaN.
     """
     excess = np.abs(np.asarray(signal) - final) - band
-    outside = np.flatnonzero(excess > 0)
+    outside = np.flatnonzero(~(excess <= 0))  # a NaN is not inside
     if outside.size == 0:
         return float(t[0])
     last = int(outside[-1])
@@ -48,9 +49,38 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
 
 
 def arrival_time(t: np.ndarray, signal: np.ndarray, level: float) -> float:
-    """First of the times (n,) at which a signal (n,) reaches a level; NaN if it never does."""
-    reached = np.flatnonzero(np.asarray(signal) >= level)
-    return float(t[reached[0]]) if reached.size else nan
+    """Time at which a signal first reaches a level, from below or from above.
+
+    Parameters
+    ----------
+    t, signal : (n,) arrays
+        Times and values; the signal is interpolated linearly.
+    level : float
+        The level.
+
+    Returns
+    -------
+    float
+        ``t[0]`` if the signal starts at the level, NaN if it never reaches it.
+    """
+    left = np.asarray(signal) - level
+    reached = np.flatnonzero(left * np.sign(left[0]) <= 0)
+    if reached.size == 0:
+        return nan
+    if (n := int(reached[0])) == 0:
+        return float(t[0])
+    before = left[n - 1] / (left[n - 1] - left[n])
+    return float(t[n - 1] + before * (t[n] - t[n - 1]))
+
+
+def overshoot(signal: np.ndarray, final: float, band: float) -> float:
+    """Share of the final value by which a signal (n,) passes it.
+
+    Zero if the signal comes into the band around the final value and never passes the value; NaN if
+    it never comes into the band.
+    """
+    share = np.asarray(signal) / final - 1
+    return max(0.0, float(share.max())) if (share >= -band / abs(final)).any() else nan
 
 
 def time_within(run: Trajectory, inside: Callable[[Region], bool], t_end: float) -> float:
@@ -70,6 +100,29 @@ def time_within(run: Trajectory, inside: Callable[[Region], bool], t_end: float)
     return float(np.diff(cuts) @ [bool(inside(where)) for where in regions])
 
 
+def pulling(run: Trajectory, interval: float = 1e-6) -> tuple[float, float]:
+    """Return by how much the teeth of an exact run pull, in N, and for what share of their contact.
+
+    The damper of the paper's eq. (14) makes the gear force negative for a moment before teeth part.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Exact run.
+    interval : float
+        Interval in s at which the force is sampled.
+    """
+    p, largest, pulls, contacts = run.parameters, 0.0, 0, 0
+    for t in np.array_split(np.arange(0.0, run.t_end, interval), max(1, int(run.t_end / 0.05))):
+        y, force = run(t), run.auxiliary(t)["f_g"]
+        x = p.r_g * y[2] - y[0]
+        contact = np.sign(x) * (np.abs(x) > p.H)
+        largest = max(largest, float((-contact * force).max()))
+        pulls += np.count_nonzero(contact * force < 0)
+        contacts += np.count_nonzero(contact)
+    return largest, pulls / contacts if contacts else nan
+
+
 def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float) -> float:
     """Rate r in 1/s of the curve a - b exp(-r t) fitted to the arm velocity by least squares.
 
@@ -83,15 +136,18 @@ def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float)
     Returns
     -------
     float
-        NaN if `begin` is not before `end` or the fit does not converge.
+        NaN if `begin` is not before `end`, the velocity is constant, or the fit does not converge.
     """
     from scipy.optimize import curve_fit  # slow to import
 
     if not begin < end:
         return nan
     t = np.linspace(begin, end, 2001)
+    velocity = run(t)[1]
+    if np.ptp(velocity) <= 1e-12 * np.abs(velocity).max():
+        return nan
     try:
-        found, _ = curve_fit(lambda t, a, b, r: a - b * np.exp(-r * t), t, run(t)[1], [1, 1, 1])
+        found, _ = curve_fit(lambda t, a, b, r: a - b * np.exp(-r * t), t, velocity, [1, 1, 1])
     except RuntimeError:
         return nan
     return float(found[2])
@@ -99,27 +155,40 @@ def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float)
 
 def crossings(
     function: Callable[[float], float], grid: Sequence[float] | np.ndarray, target: float = 0.0
-) -> list[float]:
+) -> tuple[list[float], list[float]]:
     """Arguments at which a function crosses a target, searched for between the points of a grid.
 
     Parameters
     ----------
     function : callable
-        Continuous where it is not NaN. Intervals with a NaN at an end are not searched.
+        It may jump, and may be NaN. Intervals with a NaN at an end are not searched.
     grid : (n,) array_like
         Increasing arguments. Two crossings in one interval are not found.
     target : float
         Function value at a crossing.
+
+    Returns
+    -------
+    roots : list of float
+        Where the function has the target as its value.
+    jumps : list of float
+        Where it jumps across the target: the function has no root there.
     """
     from scipy.optimize import brentq  # slow to import
 
-    grid = np.asarray(grid)
-    excess = np.array([function(x) for x in grid]) - target
-    passes = np.diff(excess > 0) & np.isfinite(excess[1:] + excess[:-1])
-    return [
-        float(brentq(lambda x: function(x) - target, grid[n], grid[n + 1], xtol=1e-12))
-        for n in np.flatnonzero(passes)
-    ]
+    def excess(x: float) -> float:
+        return function(x) - target
+
+    ends = np.array([excess(x) for x in grid])
+    found: tuple[list[float], list[float]] = [], []
+    for n in np.flatnonzero(np.diff(ends > 0) & np.isfinite(ends[1:] + ends[:-1])):
+        left, right = float(grid[n]), float(grid[n + 1])
+        root = float(brentq(excess, left, right, xtol=1e-12, rtol=1e-14))
+        near = max(1e-9 * (right - left), 4e-12)  # a continuous function hardly changes over it
+        step = abs(excess(min(root + near, right)) - excess(max(root - near, left)))
+        jump = step > 1e-3 * abs(ends[n + 1] - ends[n])
+        found[int(jump)].append(root)
+    return found
 
 
 def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
@@ -140,18 +209,22 @@ def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
     decay_rate : float
         The rate r of exp(-r t), in 1/s.
 
-    Both are NaN if the signal has fewer than three extrema.
+    Both are NaN if the signal has fewer than three extrema that stand out from rounding errors.
     """
     t, signal = np.asarray(t, dtype=float), np.asarray(signal, dtype=float)
     slope = np.diff(signal)
-    top = np.flatnonzero(slope[:-1] * slope[1:] < 0) + 1
-    if top.size < 3:
-        return nan, nan
+    moving = np.flatnonzero(slope)  # two equal samples can be a top
+    top = moving[:-1][slope[moving[:-1]] * slope[moving[1:]] < 0] + 1
     left, middle, right = signal[top - 1], signal[top], signal[top + 1]
     shift = (left - right) / (2 * (left - 2 * middle + right))
     times = t[top] + shift * (t[1] - t[0])
     values = middle - shift * (left - right) / 4
     amplitudes = np.abs(np.diff(values))
+    rounding = amplitudes <= 1e-12 * np.abs(signal).max(initial=0.0)
+    last = int(np.argmax(rounding)) if rounding.any() else amplitudes.size
+    if last < 2:
+        return nan, nan
+    times, amplitudes = times[: last + 1], amplitudes[:last]
     half_period = np.polyfit(np.arange(times.size), times, 1)[0]
     decay_rate = -np.polyfit(times[:-1], np.log(amplitudes), 1)[0]
     return float(1 / (2 * half_period)), float(decay_rate)
@@ -182,7 +255,7 @@ class StepQuality(NamedTuple):
     """Quality of the arm velocity after a step of the set velocity."""
 
     settling: float  #: s, NaN if it does not settle
-    overshoot: float  #: as a share of the final velocity
+    overshoot: float  #: as a share of the final velocity; NaN if it never arrives
     frequency: float  #: Hz, of the ringing; NaN if there is none
     decay: float  #: 1/s, of the ringing; NaN if there is none
 
@@ -207,11 +280,14 @@ def step_quality(p: AxisParameters, volts: float = 10.0, t_end: float = 6.0) -> 
         run = simulate(p, volts, t_end)
     t = np.linspace(0, run.t_end, 4001)
     velocity = run(t)[1]
-    settling = settling_time(t, velocity, final, SETTLED * abs(final))
-    return StepQuality(settling, float((velocity / final).max() - 1), *loop_ringing(run))
+    band = SETTLED * abs(final)
+    settling = settling_time(t, velocity, final, band)
+    return StepQuality(settling, overshoot(velocity, final, band), *loop_ringing(run))
 
 
-def voltage_error(run: Trajectory, method: Tableau, step_size: float, begin: float) -> float:
+def voltage_error(
+    run: Trajectory, method: Tableau, step_size: float, begin: float, **options: Any
+) -> float:
     """Error of the motor voltage when a method continues an exact run.
 
     Parameters
@@ -222,6 +298,8 @@ def voltage_error(run: Trajectory, method: Tableau, step_size: float, begin: flo
         The Runge-Kutta method and its step in s.
     begin : float
         Time in s at which the method starts from the exact state.
+    **options
+        Further arguments of `integrate`: a form and its shift.
 
     Returns
     -------
@@ -230,7 +308,7 @@ def voltage_error(run: Trajectory, method: Tableau, step_size: float, begin: flo
     """
     p, args = run.parameters, (float(run.set_velocity(begin)), constants(run.parameters))
     try:
-        steps = integrate(rhs, (begin, run.t[-1]), run(begin), method, step_size, args=args)
+        steps = integrate(rhs, (begin, run.t[-1]), run(begin), method, step_size, args=args, **options)
     except IntegrationError:
         return inf
     states = steps.y[:, -20:], run(steps.t[-20:])

@@ -6,9 +6,11 @@ edits, in all rows at once. An edit is a typesetting error:
 - the sign of a coefficient is flipped;
 - a digit of a numerator or denominator is replaced, inserted, deleted, or swapped with its
   neighbour (the resulting number does not begin with 0);
-- two neighbouring coefficients of a row are exchanged (once per row).
+- two neighbouring coefficients of a row are exchanged, or one stands at the wrong index, where none
+  is printed (one of the two, once per row).
 
-Coefficients that are not printed stay 0, and nodes are the row sums of A.
+Other coefficients that are not printed stay 0: a dropped term is not searched for, since its value
+could be any. Nodes are the row sums of A.
 
 **Pruning.** The weights must sum to 1. Rows are built from the top down, and each stage
 :math:`i \ge 3` must satisfy
@@ -28,9 +30,9 @@ edits whose stages satisfy* :math:`q_i = 0`, those found are all that reach the 
 so if no weight is negative, every method of order 5 or more has :math:`q_i = 0` wherever
 :math:`b_i \ne 0`. `Errata.weights_positive` counts the weights for which this holds. For the
 two fifth-order methods of the paper, the tests also cover the other weights, by the quadrature
-conditions alone. Their repairs are therefore unique without any condition on the stages. For the
-few weights of the sixth-order method with a negative entry, and for the embedded weights of
-Dormand and Prince, q = 0 remains an assumption of the search.
+conditions alone, except the five of the novel form with a coefficient printed at the wrong index.
+For these, for the few weights of the sixth-order method with a negative entry, and for the embedded
+weights of Dormand and Prince, q = 0 remains an assumption of the search.
 
 Rows are filtered modulo a prime larger than every denominator. An equation between rationals also
 holds modulo the prime, so no candidate is lost. Accidental matches fail the exact test of the
@@ -127,7 +129,7 @@ def search(source: Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
     _check(rows)
     printed = _tableau(name, rows)
     before = after = trees.order(printed)
-    stages, weights = [_Versions(row) for row in rows[1:-1]], _Versions(rows[-1])
+    *stages, weights = (_Versions(row, reach) for reach, row in enumerate(rows[1:], start=1))
     consistent = _consistent(weights)
     heads = _heads(stages[:-1])
     repairs: tuple[Repair, ...] = ()
@@ -228,13 +230,17 @@ def _lowest(pair: Pair) -> Pair:
     return pair[0] // divisor, pair[1] // divisor
 
 
-def _exchanged(row: Sequence[Pair]) -> Iterator[tuple[list[_Reading], int]]:
-    """Yield the row, and rows with two neighbours exchanged, each with its remaining edits."""
+def _rearranged(row: Sequence[Pair], reach: int) -> Iterator[tuple[list[_Reading], int]]:
+    """Yield the row, and rows with one or two coefficients at other places, with the edits left."""
     columns = [_Reading(pair) for pair in row]
     yield columns, _EDITS
-    for j, k in pairwise(j for j, (n, _) in enumerate(row) if n):
+    printed = [j for j, (n, _) in enumerate(row) if n]
+    free = [k for k in range(reach) if k not in printed]
+    exchanged = [(j, k, "exchanged with its neighbour") for j, k in pairwise(printed)]
+    misplaced = [(j, k, "wrong index") for j in printed for k in free]
+    for j, k, kind in exchanged + misplaced:
         moved = list(columns)
-        moved[j], moved[k] = (_Reading(row[i], ("exchanged with its neighbour",)) for i in (k, j))
+        moved[j], moved[k] = (_Reading(row[i], (kind,)) for i in (k, j))
         yield moved, _EDITS - 1
 
 
@@ -254,10 +260,10 @@ def _picks(ends: Sequence[Sequence[int]], budget: int) -> np.ndarray:
 class _Versions:
     """All versions of a row within two edits; `residues` has one column per version."""
 
-    def __init__(self, row: Sequence[Pair]) -> None:
+    def __init__(self, row: Sequence[Pair], reach: int) -> None:
         self._blocks = []
         residues = []
-        for columns, budget in _exchanged(row):
+        for columns, budget in _rearranged(row, reach):
             readings = [_readings(column.pair) for column in columns]
             picks = _picks([r.ends for r in readings], budget)
             self._blocks.append((columns, budget, picks))
