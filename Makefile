@@ -76,8 +76,9 @@ UNTIMED := $(filter-out $(TIMED),$(RESULTS))
 $(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
 
 # What the pages show of all results together: the verdicts; the modules, versions and data.
+CRITERIA := data/paper/claims.toml data/second_opinions.toml data/sensitivity/verdicts.csv
 SUMMARIES := $(addprefix book/results/,verdicts.md appendix-architecture.svg)
-$(SUMMARIES): $(RESULTS) $(INPUTS) data/paper/claims.toml $(LOCKED) $(if $(STALE),forget)
+$(SUMMARIES): $(RESULTS) $(INPUTS) $(CRITERIA) $(LOCKED) $(if $(STALE),forget)
 book/results/verdicts.md:
 	@$(BIN)/python -m reportkit.claims $(@D)
 book/results/appendix-architecture.svg:

@@ -96,8 +96,8 @@ class Test:
         unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
         unit = "" if unit == "1" else f" {unit}"
         allowed = f" ± {self.tolerance:g}" if self.tolerance else ""
-        required = f"{_RELATIONS[self.relation]}{bound:{self.format}}{allowed}"
-        return f"{value:{self.format}}{unit} (required {required})".replace("-", "−")
+        required = f"{_RELATIONS[self.relation]}{bound:z{self.format}}{allowed}"
+        return f"{value:z{self.format}}{unit} (required {required})".replace("-", "−")
 
 
 @dataclass(frozen=True)
