@@ -8,7 +8,6 @@ from armsim.arm import AxisParameters
 from armsim.paths import DATA
 
 BASE = "published"  #: in place of a choice: the values of the book
-VERDICTS = "verdicts"  #: in place of a study: the verdict on each claim
 FAILS = "fails"  #: in place of a name: a notebook that could not be executed
 
 
@@ -36,8 +35,8 @@ def load(path: Path = DATA / "sensitivity" / "choices.csv") -> pd.DataFrame:
 
 
 def recorded(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of recorded values, without verdicts and notebooks that fail."""
-    return table[(table["study"] != VERDICTS) & (table["name"] != FAILS)]
+    """Return the rows of recorded values, without notebooks that fail."""
+    return table[table["name"] != FAILS]
 
 
 def largest(table: pd.DataFrame) -> pd.Series:
@@ -61,7 +60,7 @@ def smallest_gain(p: AxisParameters, velocity: float = 1.0) -> float:
 
 
 def counts(table: pd.DataFrame) -> pd.DataFrame:
-    """Count for each changed choice the values, those that move, and the verdicts that change.
+    """Count for each changed choice the values and those that move.
 
     A text, such as the name of a pair, counts as moved if it is another one.
     """
@@ -70,7 +69,6 @@ def counts(table: pd.DataFrame) -> pd.DataFrame:
         values = recorded(part)
         size = values["change"].abs()
         other = values["change"].isna() & values["differs"]
-        verdicts = part[(part["study"] == VERDICTS) & part["differs"]]
         failed = part[part["name"] == FAILS]
         rows.append(
             {
@@ -80,7 +78,6 @@ def counts(table: pd.DataFrame) -> pd.DataFrame:
                 "0.1 %": int(((size > 0.1) | other).sum()),
                 "1 %": int(((size > 1) | other).sum()),
                 "10 %": int(((size > 10) | other).sum()),
-                "verdicts": "; ".join(verdicts["name"] + ": " + verdicts["value"]),
                 "failed": ", ".join(failed["study"]),
             }
         )

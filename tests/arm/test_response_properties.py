@@ -38,7 +38,9 @@ def second_order(final, damping):
     """Step response of 1/(s² + 2ζs + 1)."""
     omega = math.sqrt(1 - damping**2)
     decaying = np.exp(-damping * 4 * t)
-    return final * (1 - decaying * (np.cos(4 * omega * t) + damping / omega * np.sin(4 * omega * t)))
+    return final * (
+        1 - decaying * (np.cos(4 * omega * t) + damping / omega * np.sin(4 * omega * t))
+    )
 
 
 @given(sizes, rates, bands)
@@ -131,9 +133,7 @@ def test_time_within_counts_every_second_interval(cuts, t_end):
     ]
     run = SimpleNamespace(initial_region=outside, events=events)
     edges = [*sorted(cuts), math.inf]
-    wanted = sum(
-        max(0.0, min(t_end, b) - a) for a, b in zip(edges[::2], edges[1::2], strict=False)
-    )
+    wanted = sum(max(0.0, min(t_end, b) - a) for a, b in zip(edges[::2], edges[1::2], strict=False))
     found = time_within(run, lambda where: where == inside, t_end)
     assert found == pytest.approx(wanted, abs=1e-12)
 

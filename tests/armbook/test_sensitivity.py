@@ -3,9 +3,10 @@
 import pandas as pd
 import pytest
 
-from armbook.sensitivity import BASE, VERDICTS, counts, largest, load, recorded, smallest_gain
+from armbook.sensitivity import BASE, counts, largest, load, recorded, smallest_gain
 from armsim.arm import AxisParameters, simulate
 from armsim.paths import DATA
+from reportkit import claims
 from reportkit.check import compare, load_all
 
 ROWS = """\
@@ -13,14 +14,11 @@ choice,factor,study,name,value
 published,1.0,30_a,speed,2.0
 published,1.0,30_a,pair,x
 published,1.0,30_a,zero,0.0
-published,1.0,verdicts,claim,confirmed
 K,2.0,30_a,speed,1.9
 K,2.0,30_a,pair,y
 K,2.0,30_a,zero,0.5
 K,2.0,30_a,new,1.0
-K,2.0,verdicts,claim,refuted
 K,0.5,30_a,fails,no extrema
-K,0.5,verdicts,claim,confirmed
 """
 
 
@@ -43,8 +41,7 @@ def test_counts(table):
     doubled, halved = counts(table).to_dict("records")
     assert (doubled["choice"], doubled["factor"], doubled["values"]) == ("K", 2.0, 4)
     assert (doubled["0.1 %"], doubled["1 %"], doubled["10 %"]) == (4, 4, 3)
-    assert doubled["verdicts"] == "claim: refuted"
-    assert (halved["values"], halved["verdicts"], halved["failed"]) == (0, "", "30_a")
+    assert (halved["values"], halved["failed"]) == (0, "30_a")
 
 
 def test_the_larger_change_of_each_value(table):
@@ -67,7 +64,7 @@ def test_file_starts_from_the_values_of_the_book():
     """Else: data/sensitivity/make_sensitivity.py, see CONTRIBUTING."""
     rows = pd.read_csv(DATA / "sensitivity" / "choices.csv", dtype=str, keep_default_na=False)
     expected = load_all(DATA / "expected")
-    base = rows[(rows["choice"] == BASE) & (rows["study"] != VERDICTS)]
+    base = rows[rows["choice"] == BASE]
     assert len(base) > 300
     for study, part in base.groupby("study"):
         now = expected[study]
@@ -79,6 +76,15 @@ def test_file_starts_from_the_values_of_the_book():
             pair.name for pair in compare(study, {n: now[n] for n in kept}, kept) if pair.moved
         ]
         assert moved == [], study
+
+
+def test_verdicts_are_those_of_the_book():
+    rows = pd.read_csv(DATA / "sensitivity" / "verdicts.csv", dtype=str, keep_default_na=False)
+    published = rows[rows["variation"] == claims.PUBLISHED].set_index("claim")["verdict"]
+    expected = load_all(DATA / "expected")
+    now = {c.name: c.verdict(expected) for c in claims.load(DATA / "paper" / "claims.toml")}
+    assert published.to_dict() == now
+    assert rows.groupby("variation")["claim"].count().eq(len(now)).all()
 
 
 def _like(value, text):

@@ -54,7 +54,7 @@ def test_times_are_those_of_one_call(machine):
 
 
 def test_the_interval_holds_the_median_as_often_as_it_says(machine):
-    """Of the order statistics of n draws, the ranks k and n + 1 - k, by the binomial distribution."""
+    """Its ends are the order statistics of the ranks k and n + 1 - k of a binomial distribution."""
     ratios = (1 + np.random.default_rng(3).permutation(20) / 20).tolist()
     functions = {"a": machine.function("a", 1.0, *ratios), "b": machine.function("b", 1.0)}
     found = measured(machine, functions, repetitions=20)

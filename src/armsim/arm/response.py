@@ -308,7 +308,9 @@ def voltage_error(
     """
     p, args = run.parameters, (float(run.set_velocity(begin)), constants(run.parameters))
     try:
-        steps = integrate(rhs, (begin, run.t[-1]), run(begin), method, step_size, args=args, **options)
+        steps = integrate(
+            rhs, (begin, run.t[-1]), run(begin), method, step_size, args=args, **options
+        )
     except IntegrationError:
         return inf
     states = steps.y[:, -20:], run(steps.t[-20:])
