@@ -12,11 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from armsim.arm import AxisParameters
 from armsim.arm.dynamics import Region
 from armsim.arm.response import (
     arrival_time,
     crossings,
     overshoot,
+    pulling,
     ringing,
     rise_rate,
     settling_time,
@@ -153,3 +155,24 @@ def test_a_steep_root_is_no_jump(place, slope):
     roots, jumps = crossings(lambda x: math.atan(slope * (x - place)), np.linspace(-1, 1, 14))
     assert jumps == []
     assert roots == pytest.approx([place], abs=1e-9)
+
+
+@given(st.floats(-0.05, 0.05))
+def test_teeth_pull_only_where_the_damper_says_so(speed):
+    """A made-up run: in contact at a constant distance, the teeth parting at a constant speed."""
+    p = AxisParameters.paper_x_axis()
+    gap = 2e-6  # m, into the spring
+
+    def run(times):
+        y = np.zeros((7, times.size))
+        y[2] = (p.H + gap) / p.r_g * (times < 0.5)  # in contact for half of the time
+        y[1] = speed
+        return y
+
+    def auxiliary(times):
+        return {"f_g": np.where(times < 0.5, gap * p.K_g - speed * p.b_g, 0.0)}
+
+    run.parameters, run.t_end, run.auxiliary = p, 1.0, auxiliary
+    force, share = pulling(run, 1e-3)
+    assert force == pytest.approx(speed * p.b_g - gap * p.K_g)
+    assert share == (1.0 if speed * p.b_g > gap * p.K_g else 0.0)

@@ -5,6 +5,7 @@ ring. A missing value must not be mistaken for zero.
 """
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from math import inf, nan
 from typing import Any, NamedTuple
 
@@ -112,15 +113,12 @@ def pulling(run: Trajectory, interval: float = 1e-6) -> tuple[float, float]:
     interval : float
         Interval in s at which the force is sampled.
     """
-    p, largest, pulls, contacts = run.parameters, 0.0, 0, 0
-    for t in np.array_split(np.arange(0.0, run.t_end, interval), max(1, int(run.t_end / 0.05))):
-        y, force = run(t), run.auxiliary(t)["f_g"]
-        x = p.r_g * y[2] - y[0]
-        contact = np.sign(x) * (np.abs(x) > p.H)
-        largest = max(largest, float((-contact * force).max()))
-        pulls += np.count_nonzero(contact * force < 0)
-        contacts += np.count_nonzero(contact)
-    return largest, pulls / contacts if contacts else nan
+    p, t = run.parameters, np.arange(0.0, run.t_end, interval)
+    y, force = run(t), run.auxiliary(t)["f_g"]
+    x = p.r_g * y[2] - y[0]
+    contact = np.sign(x) * (np.abs(x) > p.H)
+    pull = (-contact * force)[contact != 0]
+    return (float(pull.max()), float((pull > 0).mean())) if pull.size else (0.0, nan)
 
 
 def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float) -> float:
@@ -179,16 +177,17 @@ def crossings(
     def excess(x: float) -> float:
         return function(x) - target
 
-    ends = np.array([excess(x) for x in grid])
-    found: tuple[list[float], list[float]] = [], []
-    for n in np.flatnonzero(np.diff(ends > 0) & np.isfinite(ends[1:] + ends[:-1])):
-        left, right = float(grid[n]), float(grid[n + 1])
+    roots: list[float] = []
+    jumps: list[float] = []
+    for left, right in pairwise(map(float, grid)):
+        ends = excess(left), excess(right)
+        if not np.isfinite(ends).all() or (ends[0] > 0) == (ends[1] > 0):
+            continue
         root = float(brentq(excess, left, right, xtol=1e-12, rtol=1e-14))
         near = max(1e-9 * (right - left), 4e-12)  # a continuous function hardly changes over it
-        step = abs(excess(min(root + near, right)) - excess(max(root - near, left)))
-        jump = step > 1e-3 * abs(ends[n + 1] - ends[n])
-        found[int(jump)].append(root)
-    return found
+        step = excess(min(root + near, right)) - excess(max(root - near, left))
+        (jumps if abs(step) > 1e-3 * abs(ends[1] - ends[0]) else roots).append(root)
+    return roots, jumps
 
 
 def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
