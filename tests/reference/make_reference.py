@@ -1,4 +1,4 @@
-"""Reference solutions of the nonlinear arm, more than 30 digits with proof: see README.md.
+"""Reference solutions of the nonlinear arm to 35 digits, with proof: see README.md.
 
 All numbers are balls: a midpoint, and a radius that provably covers every rounding and truncation
 error. The package is asked for parameter values only; the equations stand here a second time.
