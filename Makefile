@@ -13,7 +13,7 @@ RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
 STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
 # What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
 INPUTS := $(shell find src data \( -name __pycache__ -o -name '.*' -o -path data/expected \
-            -o -name claims.toml \) -prune -o -type f -print)
+            -o -name claims.toml -o -name second_opinions.toml \) -prune -o -type f -print)
 PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
          _config.yml _toc.yml
 
@@ -76,7 +76,7 @@ UNTIMED := $(filter-out $(TIMED),$(RESULTS))
 $(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
 
 # What the pages show of all results together: the verdicts; the modules, versions and data.
-CRITERIA := data/paper/claims.toml data/second_opinions.toml data/sensitivity/verdicts.csv
+CRITERIA := data/paper/claims.toml data/second_opinions.toml
 SUMMARIES := $(addprefix book/results/,verdicts.md appendix-architecture.svg)
 $(SUMMARIES): $(RESULTS) $(INPUTS) $(CRITERIA) $(LOCKED) $(if $(STALE),forget)
 book/results/verdicts.md:

@@ -10,7 +10,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCES = """
     environment.txt pyproject.toml _config.yml _toc.yml index.md book/page.md book/_static/a.css
-    src/armsim/code.py data/paper/table.toml data/paper/claims.toml data/expected/20_two.json
+    src/armsim/code.py data/paper/table.toml data/paper/claims.toml data/second_opinions.toml
+    data/sensitivity/verdicts.csv data/expected/20_two.json
     notebooks/10_one.ipynb notebooks/20_two.ipynb
 """
 PYTHON = """#!/bin/sh
@@ -90,6 +91,8 @@ def test_nothing_changed_does_nothing(tree):
         ("src/armsim/code.py", ALL),
         ("data/paper/table.toml", ALL),
         ("data/paper/claims.toml", ["html", "verdicts"]),
+        ("data/second_opinions.toml", ["html", "verdicts"]),
+        ("data/sensitivity/verdicts.csv", ALL),
         ("data/measurements/new.csv", ALL),
         ("data/axes/new.toml", ALL),
         ("data/choices.toml", ALL),

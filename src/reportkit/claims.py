@@ -26,6 +26,7 @@ DEPENDS, UNTESTABLE = "depends on the reading", "cannot be tested"
 VERDICTS = {REFUTED: "✗", DEPENDS: "◐", CORRECTED: "✓*", CONFIRMED: "✓", UNTESTABLE: "?"}
 _RELATIONS = {"equals": "", "above": "> ", "below": "< "}
 
+_PLURAL = {DEPENDS: "depend on the reading"}
 PUBLISHED = "published"  #: the case that the other variations are compared with
 HEADING = ["the paper says", "verdict", "readings, each with what is measured", "computed"]
 
@@ -291,32 +292,31 @@ class Verdicts:
         places = {test.value for reading in claim.as_listed() for test in reading.tests}
         if not places:
             return "–"
-        how = sorted({how for place in places for how in self.opinions.get(place, ())})
-        measured = [not _record(self.records, place).get("compared", True) for place in places]
-        how += ["some values are timings" if any(measured) else ""]
-        times = "twice" if len(how) > 1 else "once"
-        return f"{times}: {'; '.join(['by the notebook', *filter(None, how)])}"
+        others = sorted({how for place in places for how in self.opinions.get(place, ())})
+        times = {1: "once", 2: "twice"}.get(len(others) + 1, f"{len(others) + 1} times")
+        timed = any(not _record(self.records, place).get("compared", True) for place in places)
+        own = "by the notebook, a measured time" if timed else "by the notebook"
+        return f"{times}: {'; '.join([own, *others])}"
 
     def summary(self) -> str:
         """Return one sentence that counts the verdicts."""
-        counts = {verdict: len(claims) for verdict, claims in self.by_verdict().items()}
-        verbs = {DEPENDS: "", UNTESTABLE: ""}
-        told = [
-            f"{n} {verbs.get(name, 'is ' if n == 1 else 'are ')}{name}"
-            for name, n in counts.items()
-        ]
-        *others, last = [item.replace("depends", "depend", int(item[:2] != "1 ")) for item in told]
-        return (
-            f"Of {len(self.claims)} claims, {', '.join(others)}{' and ' if others else ''}{last}.\n"
-        )
+        told = []
+        for verdict, claims in self.by_verdict().items():
+            one = len(claims) == 1
+            verb = {DEPENDS: "", UNTESTABLE: ""}.get(verdict, "is " if one else "are ")
+            told.append(f"{len(claims)} {verb}{verdict if one else _PLURAL.get(verdict, verdict)}")
+        *others, last = told
+        joined = f"{', '.join(others)}{' and ' if others else ''}{last}"
+        return f"Of {len(self.claims)} claims, {joined}.\n"
 
     def listed(self, pages: str) -> str:
         """Return the claims by verdict as lists of links into a folder of pages."""
-        lines = []
+        parts = []
         for verdict, claims in self.by_verdict().items():
-            lines += [f"**{VERDICTS[verdict]} {len(claims)} {verdict}**", ""]
-            lines += [f"- {{doc}}`{claim.name} <{pages}/{claim.page}>`" for claim in claims] + [""]
-        return "\n".join(lines)
+            links = [f"- {{doc}}`{claim.name} <{pages}/{claim.page}>`" for claim in claims]
+            heading = f"**{VERDICTS[verdict]} {len(claims)} {_PLURAL.get(verdict, verdict)}**"
+            parts.append("\n".join([heading, "", *links, ""]))
+        return "\n".join(parts)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -3,7 +3,18 @@
 import pytest
 
 from reportkit import claims
-from reportkit.claims import CONFIRMED, CORRECTED, REFUTED, UNTESTABLE, Claim, ClaimError, Test
+from reportkit.claims import (
+    CONFIRMED,
+    CORRECTED,
+    DEPENDS,
+    REFUTED,
+    UNTESTABLE,
+    Claim,
+    ClaimError,
+    Reading,
+    Test,
+    Verdicts,
+)
 from reportkit.text import to_json
 
 RECORDS = {
@@ -16,8 +27,14 @@ RECORDS = {
 }
 
 
-def claim(*tests, corrected=(), **more):
-    return Claim("name", "Section 4", "says so", "model", tests, corrected, **more)
+def claim(*tests, name="name", **more):
+    return Claim(name, "Section 4", "says so", "model", tests, **more)
+
+
+def read(*tests, name="name", **readings):
+    """A claim with other readings."""
+    others = [Reading(key, [test]) for key, test in readings.items()]
+    return claim(*tests, name=name, reading="first", readings=others)
 
 
 @pytest.mark.parametrize(
@@ -60,19 +77,106 @@ def test_verdicts(one, verdict):
     assert one.verdict(RECORDS) == verdict
 
 
-def test_the_table_shows_paper_and_measurement():
-    text = claims.table(
-        [claim(Test("10_a::gain", equals=1014.0, tolerance=0.5, format=".1f")), claim(FALSE)],
-        RECORDS,
+@pytest.mark.parametrize(
+    ("one", "turned", "verdict"),
+    [
+        (read(TRUE, other=TRUE), [], CONFIRMED),
+        (read(FALSE, other=FALSE, third=FALSE), [], REFUTED),
+        (read(TRUE, other=TRUE, third=FALSE), [], DEPENDS),
+        (read(FALSE, other=TRUE), [], DEPENDS),
+        (claim(TRUE), ["K halved"], DEPENDS),
+        (claim(FALSE), ["K halved"], DEPENDS),
+        (claim(untestable=True, note="why"), [], UNTESTABLE),
+    ],
+)
+def test_a_claim_that_turns_depends_on_the_reading(one, turned, verdict):
+    assert one.verdict(RECORDS, turned) == verdict
+
+
+def test_a_correction_that_holds_agrees_with_a_reading_that_holds():
+    one = Claim(
+        "n", "w", "t", "p", [FALSE], "first", [TRUE], [Reading("other", [TRUE])], note="why"
     )
-    first, second = text.splitlines()[2:]
-    assert first.startswith(
-        "| says so (Section 4) | 1014.0 V/V | 1014.4 V/V | +0.4 V/V | 0.5 V/V | **confirmed**"
+    assert one.verdict(RECORDS) == CORRECTED
+
+
+def test_every_reading_of_a_claim_stands_in_the_table_with_its_result():
+    gain = Test("10_a::gain", equals=1014.0, tolerance=0.5, format=".1f")
+    one = read(gain, strict=Test("10_a::gain", below=1000, format=".0f"))
+    found = Verdicts([one, claim(FALSE)], RECORDS)
+    first, second = found.table().splitlines()[2:]
+    assert first == (
+        "| says so (Section 4) | ◐ **depends on the reading** ({doc}`shown here <model>`) | "
+        "✓ first: 1014.4 V/V (required 1014.0 ± 0.5)<br>✗ strict: 1014 V/V (required < 1000) | "
+        "once: by the notebook |"
     )
-    assert second.startswith("| says so (Section 4) | 6 | 4 | −2 | exact | **refuted**")
-    assert claims.summary([claim(TRUE), claim(TRUE), claim(FALSE)], RECORDS) == (
-        "Of 3 claims, 2 are confirmed and 1 is refuted.\n"
+    assert "| ✗ **refuted** " in second
+    assert "| ✗ 4 (required 6) |" in second
+
+
+def test_the_table_says_how_often_a_value_was_computed():
+    opinions = {"10_a::gain": ["by hand"], "10_a::order": ["by hand", "by another program"]}
+    claims_ = [claim(Test("10_a::gain", above=1.0)), claim(TRUE), claim(untestable=True, note="n")]
+    rows = Verdicts(claims_, RECORDS, opinions=opinions).table().splitlines()[2:]
+    told = [row.split(" | ")[-1] for row in rows]
+    assert told == [
+        "twice: by the notebook; by hand |",
+        "3 times: by the notebook; by another program; by hand |",
+        "– |",
+    ]
+    timed = {"10_a": {"order": {"value": 4, "unit": "1", "compared": False}}}
+    (row,) = Verdicts([claim(TRUE)], timed).table().splitlines()[2:]
+    assert row.endswith("once: by the notebook, a measured time |")
+
+
+def test_a_changed_choice_that_turns_a_claim_is_named():
+    found = Verdicts([claim(TRUE)], RECORDS, turned={"name": ["$K$ halved"]})
+    assert "◐ $K$ halved: another verdict" in found.table()
+    assert found.summary() == "Of 1 claims, 1 depends on the reading.\n"
+
+
+def test_the_summary_counts():
+    some = [claim(TRUE), claim(TRUE), claim(FALSE), read(TRUE, o=FALSE), read(FALSE, o=TRUE)]
+    assert Verdicts(some, RECORDS).summary() == (
+        "Of 5 claims, 1 is refuted, 2 depend on the reading and 2 are confirmed.\n"
     )
+
+
+def test_the_list_has_every_claim_below_its_verdict():
+    some = [claim(TRUE, name="a"), claim(FALSE, name="b"), claim(TRUE, name="c")]
+    assert Verdicts(some, RECORDS).listed("/book").splitlines() == [
+        "**✗ 1 refuted**",
+        "",
+        "- {doc}`b </book/model>`",
+        "",
+        "**✓ 2 confirmed**",
+        "",
+        "- {doc}`a </book/model>`",
+        "- {doc}`c </book/model>`",
+    ]
+
+
+def test_choices_that_turn_a_claim_are_read_from_a_file(tmp_path):
+    path = tmp_path / "verdicts.csv"
+    assert claims.load_turned(path) == {}
+    path.write_text(
+        "variation,claim,verdict\npublished,a,confirmed\npublished,b,refuted\n"
+        "K halved,a,refuted\nK halved,b,\nK doubled,a,confirmed\nK doubled,b,refuted\n"
+    )
+    assert claims.load_turned(path) == {"a": ["K halved"], "b": []}
+
+
+def test_second_opinions_are_read_by_value(tmp_path):
+    path = tmp_path / "opinions.toml"
+    assert claims.load_opinions(path) == {}
+    path.write_text(
+        '[[opinion]]\nscript = "a.py"\nhow = "one way"\nvalues = ["10_a::gain"]\n'
+        '[[opinion]]\nscript = "b.py"\nhow = "another"\nvalues = ["10_a::gain", "10_a::order"]\n'
+    )
+    assert claims.load_opinions(path) == {
+        "10_a::gain": ["one way", "another"],
+        "10_a::order": ["another"],
+    }
 
 
 CLAIMS = """
@@ -102,12 +206,12 @@ def test_verdicts_are_written_beside_the_results(project, monkeypatch):
     assert claims.main([str(project.results)]) == 0
     written = {path.name: path.read_text() for path in project.results.glob("verdicts*")}
     assert sorted(written) == [
+        "verdicts-list.md",
         "verdicts-summary.md",
         "verdicts.csv",
         "verdicts.md",
-        "verdicts.svg",
     ]
-    assert written["verdicts-summary.md"] == "Of 2 claims, 1 is confirmed and 1 is refuted.\n"
+    assert written["verdicts-summary.md"] == "Of 2 claims, 1 is refuted and 1 is confirmed.\n"
     assert written["verdicts.csv"].splitlines() == [
         "claim,where,verdict",
         "the gain,Section 4,confirmed",
@@ -139,6 +243,8 @@ def test_a_missing_value_is_an_error_that_names_it(project, monkeypatch, capsys)
         (lambda: claim(TRUE, untestable=True, note="why"), "untestable"),
         (lambda: claim(untestable=True), "note"),
         (lambda: claim(FALSE, corrected=[TRUE]), "note"),
+        (lambda: claim(TRUE, readings=[Reading("other", [TRUE])]), "name the reading"),
+        (lambda: claim(TRUE, reading="only one"), "name the reading"),
     ],
 )
 def test_malformed_claims_are_refused(make, message):
@@ -151,10 +257,3 @@ def test_an_unknown_key_is_refused(tmp_path):
     path.write_text('[[claim]]\nname = "a"\nwhere = "b"\ntext = "c"\npage = "d"\nwhy = "e"\n')
     with pytest.raises(ClaimError, match=r"^a: .*why"):
         claims.load(path)
-
-
-def test_the_figure_names_every_claim():
-    some = [claim(TRUE), claim(FALSE), claim(untestable=True, note="why")]
-    fig = claims.figure(some, RECORDS)
-    texts = [text.get_text() for text in fig.axes[0].texts]
-    assert texts == ["1 confirmed", "name", "1 cannot be tested", "name", "1 refuted", "name"]
