@@ -167,18 +167,23 @@ def arm_voltage_above() -> float:
     step = ABOVE * largest_stable_step(p, repaired("ndp6"))
     start = run.y[:, np.searchsorted(t, BEGIN - 1e-9)]
     end = shifted_form(slope, start, shift, step)
-    return abs(voltage(end) - voltage(run.y[:, -1]))
+    return float(abs(voltage(end) - voltage(run.y[:, -1])))
 
 
 def opinions() -> dict[str, tuple[float, float]]:
     """Recorded names with value and tolerance."""
     with mpmath.workdps(30):
         values = {
-            "letter_coarsest_ndp5": (letter_error(8), 1e-12),
+            "letter_coarsest_ndp5": (letter_error(8), 1e-12),  # rounding
             "letter_finest_ndp5": (letter_error(256), 1e-12),
-            "observed_exponential_DP5": (observed_order(), 0.3),
+            # The order is 5. What is observed depends on the problem at any step that is not zero,
+            # and the problem here is another one with the same solution.
+            "observed_exponential_DP5": (observed_order(), 0.4),
             "start_from_rest": (float(quotient_exists_at_rest()), 0.0),
-            "growth_above": (growth_above(), 1e-8),
-            "arm_voltage_above": (arm_voltage_above(), 0.2),
+            # the record is in double precision: 1e-16 of a distance of 1e-6
+            "growth_above": (growth_above(), 1e-9),
         }
+    # The fastest mode grows by 18 % a step until the limits of the power stage stop it. It then
+    # depends on the step size, but forgets errors of the integration, which are 1e-6 V.
+    values["arm_voltage_above"] = arm_voltage_above(), 1e-3
     return {f"14_exponential_form::{name}": pair for name, pair in values.items()}

@@ -188,7 +188,7 @@ def distance(gain: float) -> float:
             states.append(E * states[-1])
     velocity = reduced.velocity @ sampled(reduced.A, step, 401)
     error = np.abs(np.array([float(x[0]) for x in states]) - velocity)
-    return 100 * error.max() / np.abs(velocity).max()
+    return float(100 * error.max() / np.abs(velocity).max())
 
 
 def agreeing_digits(step: float = 1e-5) -> int:
