@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import mpmath
 import numpy as np
-from linear import seven_states, set_velocity_gain
+from linear import set_velocity_gain, seven_states
 from mpmath import cos, exp, mpf, sin
 from printed_tableaux import Tableau, first_same_as_last, printed, repaired
 from printed_values import x_axis

@@ -1,8 +1,7 @@
 """The linear arm by matrix exponentials: settling times, currents, and the limit of a rigid arm.
 
-States are sampled densely with exponentials of the system matrix, every extremum and crossing is
-then located by bisection, and the time constants in question by bisection again. The project sums
-exponentials over the poles of the transfer function instead.
+States are sampled densely with exponentials of the system matrix. A root finder locates every
+extremum and crossing between the samples, and a bisection finds the time constants in question.
 """
 
 from collections.abc import Callable
@@ -167,7 +166,7 @@ def readings() -> dict[str, tuple[float, float]]:
         T_p = nearest_to(ABOUT, time, *range_of("T_p"))
         # T_p is located to 1e-10 s here. The notebook stops 1e-9 s away from a jump. It takes the
         # first arrival from samples, and 1 ms of T_p moves that by 4 µs only.
-        found[f"T_p_{key}"] = T_p, 1e-6 if key == "arrival" else 1e-7
+        found[f"T_p_{key}"] = float(T_p), 1e-6 if key == "arrival" else 1e-7
         found[f"time_{key}"] = 1e3 * time(T_p), 1e-5
         found[f"ratio_{key}"] = response(T_p).peak_current() / rated, 1e-5
     return found

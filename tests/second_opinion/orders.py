@@ -65,7 +65,7 @@ def order(tableau: Tableau) -> int:
 
 
 def evaluations(tableau: Tableau) -> int:
-    """Calls of the right-hand side in a second step, which may reuse the last stage of the first."""
+    """Calls of the right-hand side in a second step, which may begin with a stage of the first."""
     rows, weights = tableau
     calls = []
 
