@@ -250,8 +250,8 @@ def fewest(succeeds: Callable[[int], bool], most: int) -> float:
     Returns
     -------
     float
-        Exact up to 512, and at most 0.5 % too large beyond; NaN if none succeeds. If success is not
-        monotonic below 64, the result is one more than the largest failure.
+        NaN if none succeeds. If success is not monotonic below 64, the result is one more than the
+        largest failure; beyond 64 it is taken to be monotonic.
     """
     n = 64
     if succeeds(n):
@@ -260,7 +260,7 @@ def fewest(succeeds: Callable[[int], bool], most: int) -> float:
         if 2 * n > most:
             return math.nan
     low = n // 2
-    while n - low > max(1, low // 256):
+    while n - low > 1:
         middle = (low + n) // 2
         low, n = (low, middle) if succeeds(middle) else (middle, n)
     return float(n)

@@ -181,7 +181,8 @@ def test_voltage_error_by_scipy(published, method, step, begin):
     solver = fixed_step_solver(method, step_size=step)
     steps = solve_ivp(rhs, (begin, 1.0), published(begin), solver, args=(10.0, constants(p)))
     voltages = []
-    for y in (steps.y[:, -20:], published(steps.t[-20:])):
+    last = steps.t > 0.9
+    for y in (steps.y[:, last], published(steps.t[last])):
         v_c = np.clip(y[4] + p.T_z * y[5], -p.V_L, p.V_L)
         voltages.append(np.clip(p.K_e * (v_c - y[6] / p.K_i), -p.V_M, p.V_M))
     # 1e-8 V: rounding of the current, times K_e / K_i and what the loop makes of it
