@@ -23,12 +23,12 @@ from reportkit.project import Project
 CONFIRMED, CORRECTED, REFUTED = "confirmed", "confirmed with a correction", "refuted"
 DEPENDS, UNTESTABLE = "depends on the reading", "cannot be tested"
 #: Every verdict in the order of the report, with its symbol.
-VERDICTS = {REFUTED: "✗", DEPENDS: "◐", CORRECTED: "✓*", CONFIRMED: "✓", UNTESTABLE: "?"}
+VERDICTS = {REFUTED: "✗", DEPENDS: "◐", CORRECTED: "(✓)", CONFIRMED: "✓", UNTESTABLE: "?"}
 _RELATIONS = {"equals": "", "above": "> ", "below": "< "}
 
 _PLURAL = {DEPENDS: "depend on the reading"}
 PUBLISHED = "published"  #: the case that the other variations are compared with
-HEADING = ["the paper says", "verdict", "readings, each with what is measured", "computed"]
+HEADING = ["the paper says, and the verdict", "readings, with what is measured", "computed"]
 
 Records = Mapping[str, Mapping[str, Mapping[str, Any]]]  #: study, name, record
 
@@ -281,12 +281,9 @@ class Verdicts:
         note = f": {claim.note}" if claim.note else ""
         told = [reading.told(self.records) for reading in claim.as_listed()]
         told += [f"◐ {choice}: another verdict" for choice in self.turned.get(claim.name, ())]
-        return [
-            f"{claim.text} ({claim.where})",
-            f"{VERDICTS[verdict]} **{verdict}**{note} ({{doc}}`shown here <{claim.page}>`)",
-            "<br>".join(told) or "–",
-            self._computed(claim),
-        ]
+        decided = f"{VERDICTS[verdict]} **{verdict}**{note} ({{doc}}`shown here <{claim.page}>`)"
+        says = f"{claim.text} ({claim.where})<br>{decided}"
+        return [says, "<br>".join(told) or "–", self._computed(claim)]
 
     def _computed(self, claim: Claim) -> str:
         places = {test.value for reading in claim.as_listed() for test in reading.tests}
@@ -310,13 +307,13 @@ class Verdicts:
         return f"Of {len(self.claims)} claims, {joined}.\n"
 
     def listed(self, pages: str) -> str:
-        """Return the claims by verdict as lists of links into a folder of pages."""
-        parts = []
+        """Return the claims by verdict as cards of links into a folder of pages, for a grid."""
+        cards = []
         for verdict, claims in self.by_verdict().items():
+            heading = f"{VERDICTS[verdict]} {len(claims)} {_PLURAL.get(verdict, verdict)}"
             links = [f"- {{doc}}`{claim.name} <{pages}/{claim.page}>`" for claim in claims]
-            heading = f"**{VERDICTS[verdict]} {len(claims)} {_PLURAL.get(verdict, verdict)}**"
-            parts.append("\n".join([heading, "", *links, ""]))
-        return "\n".join(parts)
+            cards.append("\n".join([f":::{{grid-item-card}} {heading}", *links, ":::", ""]))
+        return "\n".join(cards)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

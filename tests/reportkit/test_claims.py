@@ -106,11 +106,11 @@ def test_every_reading_of_a_claim_stands_in_the_table_with_its_result():
     found = Verdicts([one, claim(FALSE)], RECORDS)
     first, second = found.table().splitlines()[2:]
     assert first == (
-        "| says so (Section 4) | ◐ **depends on the reading** ({doc}`shown here <model>`) | "
+        "| says so (Section 4)<br>◐ **depends on the reading** ({doc}`shown here <model>`) | "
         "✓ first: 1014.4 V/V (required 1014.0 ± 0.5)<br>✗ strict: 1014 V/V (required < 1000) | "
         "once: by the notebook |"
     )
-    assert "| ✗ **refuted** " in second
+    assert "<br>✗ **refuted** " in second
     assert "| ✗ 4 (required 6) |" in second
 
 
@@ -145,14 +145,14 @@ def test_the_summary_counts():
 def test_the_list_has_every_claim_below_its_verdict():
     some = [claim(TRUE, name="a"), claim(FALSE, name="b"), claim(TRUE, name="c")]
     assert Verdicts(some, RECORDS).listed("/book").splitlines() == [
-        "**✗ 1 refuted**",
-        "",
+        ":::{grid-item-card} ✗ 1 refuted",
         "- {doc}`b </book/model>`",
+        ":::",
         "",
-        "**✓ 2 confirmed**",
-        "",
+        ":::{grid-item-card} ✓ 2 confirmed",
         "- {doc}`a </book/model>`",
         "- {doc}`c </book/model>`",
+        ":::",
     ]
 
 
