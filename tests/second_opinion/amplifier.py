@@ -180,6 +180,7 @@ def opinions() -> dict[str, tuple[float, float]]:
     for key, target in TARGETS.items():
         sections = fewest(average_power(), target, 2)
         ratio = 2 * sections / cheapest[key]
-        # one section more or less of up to 66123, where an error is as close as that to its target
-        values[f"average_over_exponential_{key}"] = ratio, 1e-4 * ratio
+        # The record's reference has rounding errors of some 1e-13, which moves the 66123 sections
+        # with an error of 1e-9 by about ten.
+        values[f"average_over_exponential_{key}"] = ratio, 3e-4 * ratio
     return {f"64_propagation_equations::{name}": pair for name, pair in values.items()}
