@@ -17,20 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from armsim.arm.dynamics import (
-    FAST,
-    REST,
-    Constants,
-    Region,
-    branch_of,
-    derivative,
-    gear_force,
-    motor_voltage,
-    preamplifier_output,
-    region,
-    region_number,
-    region_of_number,
-)
+from armsim.arm import dynamics
+from armsim.arm.dynamics import FAST, REST, Constants, Region, region_number, region_of_number
 from armsim.arm.slave_control import Law, put_out
 from armsim.exact import piecewise_affine
 from armsim.exact.modal import OPTIONS, compiled
@@ -63,9 +51,9 @@ def _set_slope(slope, k, out):
 def _signals(z, where, k):
     """Signals that determine the branches: v_c and v_m before limiting, and f_g."""
     y = _paper(z, k)
-    v_c = preamplifier_output(y, k, where.preamplifier)
-    v_m = motor_voltage(y, k, v_c, 0)
-    return preamplifier_output(y, k, 0), v_m, gear_force(y, k, where.contact)
+    v_c = dynamics.preamplifier_output(y, k, where.preamplifier)
+    v_m = dynamics.motor_voltage(y, k, v_c, 0)
+    return dynamics.preamplifier_output(y, k, 0), v_m, dynamics.gear_force(y, k, where.contact)
 
 
 @compiled
@@ -95,10 +83,10 @@ def equations(mode, volts, numbers, out):
     z, normal[:] = np.zeros(7), 0.0
     for j in range(7):
         z[j] = 1.0
-        _set_slope(derivative(_paper(z, k), 0.0, linear, where), k, A[:, j])
+        _set_slope(dynamics.derivative(_paper(z, k), 0.0, linear, where), k, A[:, j])
         normal[0, j], normal[1, j], normal[3, j] = _signals(z, where, linear)
         z[j] = 0.0
-    _set_slope(derivative(_paper(z, k), volts, k, where), k, b)
+    _set_slope(dynamics.derivative(_paper(z, k), volts, k, where), k, b)
     _, v_m, f_g = _signals(z, where, k)
     normal[2, 1] = 1.0
     lower[0], upper[0] = _range(where.preamplifier, k.V_L)
@@ -125,7 +113,7 @@ def successor(mode, guard, side, z, numbers):
         z[2] = 0.0
     if speed + side == REST:
         k = _named(numbers)
-        if side * gear_force(_paper(z, k), k, region_of_number(mode).contact) > k.F_0:
+        if side * dynamics.gear_force(_paper(z, k), k, region_of_number(mode).contact) > k.F_0:
             return mode + 2 * side  # f_g exceeds F_0, so the arm reverses without sticking
     return mode + side
 
@@ -154,7 +142,7 @@ def start(y, numbers):
     """State and mode for the initial state `y` (7,), the paper's y0 … y6."""
     k = _named(numbers)
     z = np.array([y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]])
-    where = region(_paper(z, k), k)
+    where = dynamics.region(_paper(z, k), k)
     if k.H == 0.0:
         where = Region(where.preamplifier, where.power, 1, where.friction)
     if k.F_0 == 0.0 or k.v_s == 0.0:
@@ -163,8 +151,8 @@ def start(y, numbers):
         return z, region_number(where, REST + where.friction)
     if z[2] != 0.0:
         return z, region_number(where, FAST if z[2] > 0.0 else 0)
-    f_g = gear_force(_paper(z, k), k, where.contact)
-    return z, region_number(where, REST + branch_of(f_g, k.F_0))
+    f_g = dynamics.gear_force(_paper(z, k), k, where.contact)
+    return z, region_number(where, REST + dynamics.branch_of(f_g, k.F_0))
 
 
 # --- called from Python -------------------------------------------------------------------------

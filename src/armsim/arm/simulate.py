@@ -12,15 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armsim.arm import modes
-from armsim.arm.dynamics import (
-    Region,
-    auxiliary_variables,
-    constants,
-    region,
-    region_of_number,
-    rhs,
-)
+from armsim.arm import dynamics, modes
+from armsim.arm.dynamics import Region, constants, rhs
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number, checked_times
@@ -38,7 +31,7 @@ MAX_EVENTS, MAX_PIECES = 100_000, 1_000_000
 #: Number of runs handed to a thread at a time.
 _CHUNK = 64
 #: Names of modes and guards, for events and error messages.
-_TO_NAMES = region_of_number, Region._fields.__getitem__
+_TO_NAMES = dynamics.region_of_number, Region._fields.__getitem__
 
 
 @dataclass(frozen=True)
@@ -85,7 +78,7 @@ class Trajectory:
         if isinstance(self.solution, ExactSolution):
             return self.solution.modes(t)
         k = constants(self.parameters)
-        return [region(y, k) for y in self(np.asarray(t)).T]
+        return [dynamics.region(y, k) for y in self(np.asarray(t)).T]
 
     def set_velocity(self, t: np.ndarray | float) -> np.ndarray:
         """Set velocity U in volts at the times `t`; at a switch, the new value."""
@@ -107,7 +100,8 @@ class Trajectory:
         times = self.t if t is None else np.asarray(t, dtype=float)
         y = self.y if t is None else self(times)
         exact = isinstance(self.solution, ExactSolution)
-        return auxiliary_variables(self.parameters, y, self.regions(times) if exact else ())
+        regions = self.regions(times) if exact else ()
+        return dynamics.auxiliary_variables(self.parameters, y, regions)
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """State at the times `t`: exact, or by cubic Hermite interpolation between steps.
