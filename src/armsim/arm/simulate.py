@@ -56,7 +56,7 @@ class Trajectory:
     @property
     def t_end(self) -> float:
         """End of the run in s."""
-        return float(self.solution.end)
+        return self.solution.end
 
     @property
     def nfev(self) -> int:
@@ -120,15 +120,11 @@ class Steps:
 
     parameters: AxisParameters
     schedule: Schedule
+    end: float  #: time of the last step in s
     t: np.ndarray
     y: np.ndarray
     nfev: int
     events: tuple = ()  #: a Runge-Kutta method detects none
-
-    @property
-    def end(self) -> float:
-        """Time of the last step in s."""
-        return float(self.t[-1])
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """States at the times `t` by cubic Hermite interpolation."""
@@ -335,7 +331,7 @@ def _runge_kutta(
         t.append(run.t[1:])
         y.append(run.y[:, 1:])
         nfev += run.nfev
-    steps = Steps(p, task.schedule, np.concatenate(t), np.concatenate(y, axis=1), nfev)
+    steps = Steps(p, task.schedule, t_end, np.concatenate(t), np.concatenate(y, axis=1), nfev)
     size = "adaptive steps" if step_size is None else f"step size {step_size:g}"
     _raise_if_beyond_bound(steps, f"{method.name}, {size}")
     return steps
