@@ -86,6 +86,11 @@ def constants(p: AxisParameters) -> Constants:
     return Constants(*[values[name] for name in Constants._fields])
 
 
+def without_offsets(k: Constants) -> Constants:
+    """Return constants with which `derivative` is linear in the state and the set velocity."""
+    return k._replace(V_L=0.0, V_M=0.0, H=0.0, F_0=0.0)
+
+
 # --- auxiliary variables, Table 2 -------------------------------------------------------------
 
 
@@ -249,7 +254,7 @@ def affine(p: AxisParameters, where: Sequence[int]) -> tuple[np.ndarray, np.ndar
     c : (7,) array
     """
     k, where, origin = constants(p), Region(*where), np.zeros(7)
-    linear = k._replace(V_L=0.0, V_M=0.0, H=0.0, F_0=0.0)  # without offsets `derivative` is linear
+    linear = without_offsets(k)
     A = np.column_stack([derivative(unit, 0.0, linear, where) for unit in np.eye(7)])
     B = np.array(derivative(origin, 1.0, linear, where))
     return A, B, np.array(derivative(origin, 0.0, k, where))

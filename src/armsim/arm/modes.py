@@ -15,24 +15,16 @@ gear flanks coincide and have the branch +1.
 from typing import NamedTuple
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from armsim.arm import dynamics
-from armsim.arm.dynamics import FAST, REST, Constants, Region, region_number, region_of_number
+from armsim.arm.dynamics import FAST, REST, Region, region_number, region_of_number
 from armsim.arm.slave_control import Law, put_out
 from armsim.exact import piecewise_affine
 from armsim.exact.modal import OPTIONS, compiled
 from armsim.machine_code import kept
 
-_SIZE = len(Constants._fields)
-_OFFSETS = tuple(Constants._fields.index(name) for name in ("V_L", "V_M", "H", "F_0"))
 #: Four guards, the fields of `Region`; 2⁴ matrices, since A is independent of the branch signs.
 _SIZES = (4, 16)
-
-
-@compiled
-def _named(numbers):
-    return Constants(*to_fixed_tuple(numbers, _SIZE))
 
 
 @compiled
@@ -72,13 +64,10 @@ def _speed_range(speed, k):
 
 
 @compiled
-def equations(mode, volts, numbers, out):
+def equations(mode, volts, constants, out):
     """Fill in a mode; see `piecewise_affine.System`."""
     A, b, normal, lower, upper = out
-    k, offsets = _named(numbers), numbers.copy()
-    for i in _OFFSETS:
-        offsets[i] = 0.0
-    linear = _named(offsets)  # without offsets the equations are linear
+    k, linear = constants
     where, speed = region_of_number(mode), mode % 5
     z, normal[:] = np.zeros(7), 0.0
     for j in range(7):
@@ -104,7 +93,7 @@ def equations(mode, volts, numbers, out):
 
 
 @compiled
-def successor(mode, guard, side, z, numbers):
+def successor(mode, guard, side, z, constants):
     """Return the mode that follows when a guard leaves; see `piecewise_affine.System`."""
     if guard < 3:
         return mode + side * (45, 15, 5)[guard]
@@ -112,7 +101,7 @@ def successor(mode, guard, side, z, numbers):
     if speed == REST or speed + side == REST:
         z[2] = 0.0
     if speed + side == REST:
-        k = _named(numbers)
+        k, _ = constants
         if side * dynamics.gear_force(_paper(z, k), k, region_of_number(mode).contact) > k.F_0:
             return mode + 2 * side  # f_g exceeds F_0, so the arm reverses without sticking
     return mode + side
@@ -128,19 +117,18 @@ class Inputs(NamedTuple):
 
 
 @compiled
-def hold(interval, z, inputs, numbers):
+def hold(interval, z, inputs, constants):
     """Return the set velocity in an interval; see `piecewise_affine.solve`."""
     if inputs.track.shape[0] == 0:
         return inputs.volts[interval]
-    r_g, track, law = _named(numbers).r_g, inputs.track, inputs.law
+    r_g, track, law = constants[0].r_g, inputs.track, inputs.law
     angle = (z[1] + z[0]) / r_g
     return put_out(interval, angle, r_g, track, law, inputs.memory, inputs.volts)
 
 
 @compiled
-def start(y, numbers):
+def start(y, k):
     """State and mode for the initial state `y` (7,), the paper's y0 … y6."""
-    k = _named(numbers)
     z = np.array([y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]])
     where = dynamics.region(_paper(z, k), k)
     if k.H == 0.0:
@@ -161,22 +149,22 @@ _kept = kept(**OPTIONS)
 
 
 @_kept
-def run(numbers, starts, inputs, t_end, y0, limits):
+def run(constants, starts, inputs, t_end, y0, limits):
     """Run an axis from `y0` (7,) with the `inputs` that apply from the times `starts` (j,) on.
 
-    `numbers` (22,) are `dynamics.constants`; `limits` as for `piecewise_affine.solve`. Returns a
-    `piecewise_affine.Record`.
+    `constants` are `dynamics.constants` with and without offsets; `limits` as for
+    `piecewise_affine.solve`. Returns a `piecewise_affine.Record`.
     """
-    z, mode = start(y0, numbers)
+    z, mode = start(y0, constants[0])
     return piecewise_affine.solve(
-        equations, successor, hold, numbers, starts, inputs, t_end, z, mode, _SIZES, limits
+        equations, successor, hold, constants, starts, inputs, t_end, z, mode, _SIZES, limits
     )
 
 
 @_kept
-def states(numbers, record, times):
+def states(r_g, record, times):
     """Return the states y0 … y6 (7, n) of a run at `times` (n,)."""
-    y, r_g = np.empty((7, times.size)), _named(numbers).r_g
+    y = np.empty((7, times.size))
     piecewise_affine.sample(record, times, y)
     for j in range(times.size):
         x, y[1, j] = y[1, j], y[2, j]

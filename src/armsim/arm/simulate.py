@@ -297,10 +297,10 @@ class _Task(NamedTuple):
 
 
 def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
-    numbers, limits = np.array(constants(p)), (MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH)
-    record = modes.run(numbers, *task, limits)
+    k, limits = constants(p), (MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH)
+    record = modes.run((k, dynamics.without_offsets(k)), *task, limits)
     require_finished(record, *_TO_NAMES)
-    states = partial(modes.states, numbers)
+    states = partial(modes.states, p.r_g)
     return ExactSolution(record, task.t_end, states, *_TO_NAMES, task.schedule)
 
 
