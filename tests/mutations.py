@@ -26,7 +26,7 @@ import scipy.optimize  # noqa: F401
 import sympy  # noqa: F401
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLEAUX, EQUATIONS = "src/armsim/methods/tableaux.py", "src/armsim/arm/dynamics.py"
+TABLEAUX, EQUATIONS = "src/armsim/methods/tableaux.toml", "src/armsim/arm/dynamics.py"
 TABLES, FORMULAS = "data/paper/tables.toml", "data/paper/tableaux.toml"
 #: What is tried in turn until something fails, the quickest and likeliest first.
 TESTS = {
@@ -100,9 +100,8 @@ def signs(file: str) -> list[Mutation]:
 
 def all_mutations() -> list[Mutation]:
     """Everything that is changed, one at a time."""
-    found = digits(TABLEAUX, r'_lower\("""(.*?)"""\)')
-    found += digits(TABLEAUX, r'(?:^_DP_\w+ =|^    )\s*"([^"]*)"\.split\(\)')
-    found += digits(TABLEAUX, r'for row in """(.*?)"""')
+    found = digits(TABLEAUX, r'^(?:A|interpolant) = """(.*?)"""')
+    found += digits(TABLEAUX, r'^b\w* = "(.*?)"')
     found += [m for m in digits(FORMULAS, r"'''[^']*?=(.*?)'''") if not stage_names(m)]
     found += digits(TABLES, r"^(?:value|ndp|rk6) = [\"'](.*?)[\"']$")
     return found + signs(EQUATIONS)

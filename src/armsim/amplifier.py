@@ -147,10 +147,6 @@ class RamanAmplifier:
         """Arguments of `rhs` after z and P."""
         return self.loss, self.gain
 
-    def photons(self, power: np.ndarray) -> np.ndarray:
-        """Photon flux times h, Σ P/ν; without loss it is constant along the fibre."""
-        return np.tensordot(1 / self.frequency, power, axes=1)
-
     def scaled(self, factor: float) -> Self:
         """Return the amplifier with all powers multiplied by a factor."""
         pumps = tuple(factor * power for power in self.pump_powers)

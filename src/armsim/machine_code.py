@@ -112,15 +112,13 @@ def _code_parts(code: CodeType, function: FunctionType, seen: dict[int, int]) ->
 
 def _globals_used(code: CodeType, function: FunctionType) -> Iterator[Any]:
     """Values of the global names in a code, through modules: of ``np.linalg.eig`` the function."""
-    steps = list(dis.get_instructions(code))
+    steps, names = list(dis.get_instructions(code)), vars(builtins) | function.__globals__
     for n, step in enumerate(steps):
         if step.opname not in ("LOAD_GLOBAL", "LOAD_NAME"):
             continue
-        places = function.__globals__, vars(builtins)
-        place = next((place for place in places if step.argval in place), None)
-        if place is None:
+        if step.argval not in names:
             raise _Unknown(step.argval)
-        value = place[step.argval]
+        value = names[step.argval]
         for following in steps[n + 1 :]:
             if not isinstance(value, ModuleType) or "LOAD_" not in following.opname:
                 break

@@ -1,23 +1,16 @@
 """Tables and Butcher tableaux of the paper as printed, misprints included."""
 
 import re
-import tomllib
-from typing import Any
 
 import sympy
 
 from armsim.methods.tableaux import Tableau
-from armsim.paths import DATA
-
-
-def _read(name: str) -> dict[str, Any]:
-    return tomllib.loads((DATA / "paper" / f"{name}.toml").read_text(encoding="utf-8"))
-
+from armsim.paths import read_toml
 
 # --- tables -----------------------------------------------------------------------------------
 
 #: Tables 1 to 5, one list of rows per table.
-TABLES: dict[str, list[dict[str, str]]] = _read("tables")
+TABLES: dict[str, list[dict[str, str]]] = read_toml("paper/tables.toml")
 
 
 def printed_value(text: str) -> float:
@@ -78,7 +71,7 @@ def _as_printed(key: str) -> Tableau:
     return Tableau(f"{name}, as printed", A, b, reference=f"the paper, eq. {where}")
 
 
-_FORMULAS = _read("tableaux")
+_FORMULAS = read_toml("paper/tableaux.toml")
 
 #: The four tableaux of the paper's eq. (10)-(16): ``"rk5"``, ``"rk6"``, ``"ndp5"``, ``"ndp6"``.
 PRINTED = {key: _as_printed(key) for key in _FORMULAS}

@@ -16,12 +16,7 @@ class CaseError(RuntimeError):
         Index of the case, from 0.
     """
 
-    def __init__(self, text: str, case: int) -> None:
-        super().__init__(text, case)
-        self.case = case
-
-    def __str__(self) -> str:
-        return str(self.args[0])
+    case: int
 
 
 def each(
@@ -64,6 +59,7 @@ def _attempt(function: Callable[[Any], Any], n: int, case: Any) -> Any:
     try:
         return function(case)
     except (Exception, SystemExit) as error:  # not every exception can be pickled
-        failure = CaseError(f"case {n}: {type(error).__name__}: {error}", n)
+        failure = CaseError(f"case {n}: {type(error).__name__}: {error}")
+        failure.case = n
         failure.add_note(traceback.format_exc())
         raise failure from None

@@ -1,6 +1,8 @@
-"""Location of the data, in a checkout or in an installed package."""
+"""The data, in a checkout or in an installed package."""
 
+import tomllib
 from pathlib import Path
+from typing import Any
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -8,3 +10,8 @@ _PACKAGE = Path(__file__).resolve().parent
 DATA = next(
     folder for folder in (_PACKAGE / "data", _PACKAGE.parents[1] / "data") if folder.is_dir()
 )
+
+
+def read_toml(name: str) -> dict[str, Any]:
+    """Read a TOML file of the data."""
+    return tomllib.loads((DATA / name).read_text(encoding="utf-8"))

@@ -11,7 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armsim.arm import AxisParameters, modes, simulate, simulate_many
-from armsim.arm.dynamics import STUCK, Region, auxiliary_variables, constants, derivative
+from armsim.arm.dynamics import (
+    STUCK,
+    Region,
+    auxiliary_variables,
+    constants,
+    derivative,
+    without_offsets,
+)
 from armsim.exact.piecewise_affine import Mode
 from armsim.methods import IntegrationError, tableaux
 
@@ -59,14 +66,14 @@ def local(y, p):
 @pytest.mark.parametrize("speed", range(5))
 def test_every_mode_has_the_equations_of_its_region(speed):
     rng = np.random.default_rng(speed)
-    numbers = np.array(constants(P))
+    pair = constants(P), without_offsets(constants(P))
     for branches in itertools.product((-1, 0, 1), repeat=3):
         mode = ((branches[0] + 1) * 9 + (branches[1] + 1) * 3 + branches[2] + 1) * 5 + speed
         where = modes.region_of_number(mode)
         assert where[:3] == branches
         assert where.friction == (0, -1, STUCK, 1, 0)[speed]
         here = Mode(np.empty((7, 7)), np.empty(7), np.empty((4, 7)), np.empty(4), np.empty(4))
-        modes.equations(mode, 7.0, numbers, here)
+        modes.equations(mode, 7.0, pair, here)
         y = rng.normal(size=7) * [1, 1, 100, 100, 10, 1000, 10]
         if where.friction == STUCK:
             y[1] = 0.0

@@ -13,6 +13,7 @@ Four misprints of the paper are corrected:
 - Table 5: the saturation current is K_i V_L; the paper says K_1 V_L.
 """
 
+from collections import namedtuple
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -62,31 +63,12 @@ def region_of_number(number):
     return Region(sides[0], sides[1], sides[2], FRICTION[number % 5])
 
 
-class Constants(NamedTuple):
-    """Constants of the compiled equations, with the divisions of `AxisParameters` done once."""
-
-    B_a: float
-    F_0: float
-    v_s: float
-    per_M: float
-    B_m: float
-    r_g: float
-    K_b: float
-    per_J_m: float
-    K_1: float
-    K_2_K_t: float
-    T_p_plus_T_r: float
-    per_T_p_T_r: float
-    R_a: float
-    per_L_a: float
-    T_z: float
-    V_L: float
-    K_e: float
-    per_K_i: float
-    V_M: float
-    H: float
-    K_g: float
-    b_g: float
+#: Constants of the compiled equations, floats, with the divisions of `AxisParameters` done once.
+Constants = namedtuple(
+    "Constants",
+    "B_a F_0 v_s per_M B_m r_g K_b per_J_m K_1 K_2_K_t T_p_plus_T_r per_T_p_T_r "
+    "R_a per_L_a T_z V_L K_e per_K_i V_M H K_g b_g",
+)
 
 
 def constants(p: AxisParameters) -> Constants:
@@ -102,6 +84,11 @@ def constants(p: AxisParameters) -> Constants:
     }
     values = vars(p) | derived
     return Constants(*[values[name] for name in Constants._fields])
+
+
+def without_offsets(k: Constants) -> Constants:
+    """Return constants with which `derivative` is linear in the state and the set velocity."""
+    return k._replace(V_L=0.0, V_M=0.0, H=0.0, F_0=0.0)
 
 
 # --- auxiliary variables, Table 2 -------------------------------------------------------------
@@ -267,7 +254,7 @@ def affine(p: AxisParameters, where: Sequence[int]) -> tuple[np.ndarray, np.ndar
     c : (7,) array
     """
     k, where, origin = constants(p), Region(*where), np.zeros(7)
-    linear = k._replace(V_L=0.0, V_M=0.0, H=0.0, F_0=0.0)  # without offsets `derivative` is linear
+    linear = without_offsets(k)
     A = np.column_stack([derivative(unit, 0.0, linear, where) for unit in np.eye(7)])
     B = np.array(derivative(origin, 1.0, linear, where))
     return A, B, np.array(derivative(origin, 0.0, k, where))

@@ -15,36 +15,16 @@ gear flanks coincide and have the branch +1.
 from typing import NamedTuple
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from armsim.arm.dynamics import (
-    FAST,
-    REST,
-    Constants,
-    Region,
-    branch_of,
-    derivative,
-    gear_force,
-    motor_voltage,
-    preamplifier_output,
-    region,
-    region_number,
-    region_of_number,
-)
+from armsim.arm import dynamics
+from armsim.arm.dynamics import FAST, REST, Region, region_number, region_of_number
 from armsim.arm.slave_control import Law, put_out
 from armsim.exact import piecewise_affine
 from armsim.exact.modal import OPTIONS, compiled
 from armsim.machine_code import kept
 
-_SIZE = len(Constants._fields)
-_OFFSETS = tuple(Constants._fields.index(name) for name in ("V_L", "V_M", "H", "F_0"))
 #: Four guards, the fields of `Region`; 2⁴ matrices, since A is independent of the branch signs.
 _SIZES = (4, 16)
-
-
-@compiled
-def _named(numbers):
-    return Constants(*to_fixed_tuple(numbers, _SIZE))
 
 
 @compiled
@@ -63,9 +43,9 @@ def _set_slope(slope, k, out):
 def _signals(z, where, k):
     """Signals that determine the branches: v_c and v_m before limiting, and f_g."""
     y = _paper(z, k)
-    v_c = preamplifier_output(y, k, where.preamplifier)
-    v_m = motor_voltage(y, k, v_c, 0)
-    return preamplifier_output(y, k, 0), v_m, gear_force(y, k, where.contact)
+    v_c = dynamics.preamplifier_output(y, k, where.preamplifier)
+    v_m = dynamics.motor_voltage(y, k, v_c, 0)
+    return dynamics.preamplifier_output(y, k, 0), v_m, dynamics.gear_force(y, k, where.contact)
 
 
 @compiled
@@ -84,21 +64,18 @@ def _speed_range(speed, k):
 
 
 @compiled
-def equations(mode, volts, numbers, out):
+def equations(mode, volts, constants, out):
     """Fill in a mode; see `piecewise_affine.System`."""
     A, b, normal, lower, upper = out
-    k, offsets = _named(numbers), numbers.copy()
-    for i in _OFFSETS:
-        offsets[i] = 0.0
-    linear = _named(offsets)  # without offsets the equations are linear
+    k, linear = constants
     where, speed = region_of_number(mode), mode % 5
     z, normal[:] = np.zeros(7), 0.0
     for j in range(7):
         z[j] = 1.0
-        _set_slope(derivative(_paper(z, k), 0.0, linear, where), k, A[:, j])
+        _set_slope(dynamics.derivative(_paper(z, k), 0.0, linear, where), k, A[:, j])
         normal[0, j], normal[1, j], normal[3, j] = _signals(z, where, linear)
         z[j] = 0.0
-    _set_slope(derivative(_paper(z, k), volts, k, where), k, b)
+    _set_slope(dynamics.derivative(_paper(z, k), volts, k, where), k, b)
     _, v_m, f_g = _signals(z, where, k)
     normal[2, 1] = 1.0
     lower[0], upper[0] = _range(where.preamplifier, k.V_L)
@@ -116,7 +93,7 @@ def equations(mode, volts, numbers, out):
 
 
 @compiled
-def successor(mode, guard, side, z, numbers):
+def successor(mode, guard, side, z, constants):
     """Return the mode that follows when a guard leaves; see `piecewise_affine.System`."""
     if guard < 3:
         return mode + side * (45, 15, 5)[guard]
@@ -124,8 +101,8 @@ def successor(mode, guard, side, z, numbers):
     if speed == REST or speed + side == REST:
         z[2] = 0.0
     if speed + side == REST:
-        k = _named(numbers)
-        if side * gear_force(_paper(z, k), k, region_of_number(mode).contact) > k.F_0:
+        k, _ = constants
+        if side * dynamics.gear_force(_paper(z, k), k, region_of_number(mode).contact) > k.F_0:
             return mode + 2 * side  # f_g exceeds F_0, so the arm reverses without sticking
     return mode + side
 
@@ -140,21 +117,20 @@ class Inputs(NamedTuple):
 
 
 @compiled
-def hold(interval, z, inputs, numbers):
+def hold(interval, z, inputs, constants):
     """Return the set velocity in an interval; see `piecewise_affine.solve`."""
     if inputs.track.shape[0] == 0:
         return inputs.volts[interval]
-    r_g, track, law = _named(numbers).r_g, inputs.track, inputs.law
+    r_g, track, law = constants[0].r_g, inputs.track, inputs.law
     angle = (z[1] + z[0]) / r_g
     return put_out(interval, angle, r_g, track, law, inputs.memory, inputs.volts)
 
 
 @compiled
-def start(y, numbers):
+def start(y, k):
     """State and mode for the initial state `y` (7,), the paper's y0 … y6."""
-    k = _named(numbers)
     z = np.array([y[0], k.r_g * y[2] - y[0], y[1], y[3], y[4], y[5], y[6]])
-    where = region(_paper(z, k), k)
+    where = dynamics.region(_paper(z, k), k)
     if k.H == 0.0:
         where = Region(where.preamplifier, where.power, 1, where.friction)
     if k.F_0 == 0.0 or k.v_s == 0.0:
@@ -163,8 +139,8 @@ def start(y, numbers):
         return z, region_number(where, REST + where.friction)
     if z[2] != 0.0:
         return z, region_number(where, FAST if z[2] > 0.0 else 0)
-    f_g = gear_force(_paper(z, k), k, where.contact)
-    return z, region_number(where, REST + branch_of(f_g, k.F_0))
+    f_g = dynamics.gear_force(_paper(z, k), k, where.contact)
+    return z, region_number(where, REST + dynamics.branch_of(f_g, k.F_0))
 
 
 # --- called from Python -------------------------------------------------------------------------
@@ -173,22 +149,22 @@ _kept = kept(**OPTIONS)
 
 
 @_kept
-def run(numbers, starts, inputs, t_end, y0, limits):
+def run(constants, starts, inputs, t_end, y0, limits):
     """Run an axis from `y0` (7,) with the `inputs` that apply from the times `starts` (j,) on.
 
-    `numbers` (22,) are `dynamics.constants`; `limits` as for `piecewise_affine.solve`. Returns a
-    `piecewise_affine.Record`.
+    `constants` are `dynamics.constants` with and without offsets; `limits` as for
+    `piecewise_affine.solve`. Returns a `piecewise_affine.Record`.
     """
-    z, mode = start(y0, numbers)
+    z, mode = start(y0, constants[0])
     return piecewise_affine.solve(
-        equations, successor, hold, numbers, starts, inputs, t_end, z, mode, _SIZES, limits
+        equations, successor, hold, constants, starts, inputs, t_end, z, mode, _SIZES, limits
     )
 
 
 @_kept
-def states(numbers, record, times):
+def states(r_g, record, times):
     """Return the states y0 … y6 (7, n) of a run at `times` (n,)."""
-    y, r_g = np.empty((7, times.size)), _named(numbers).r_g
+    y = np.empty((7, times.size))
     piecewise_affine.sample(record, times, y)
     for j in range(times.size):
         x, y[1, j] = y[1, j], y[2, j]

@@ -12,15 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armsim.arm import modes
-from armsim.arm.dynamics import (
-    Region,
-    auxiliary_variables,
-    constants,
-    region,
-    region_of_number,
-    rhs,
-)
+from armsim.arm import dynamics, modes
+from armsim.arm.dynamics import Region, constants, rhs
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number, checked_times
@@ -38,7 +31,7 @@ MAX_EVENTS, MAX_PIECES = 100_000, 1_000_000
 #: Number of runs handed to a thread at a time.
 _CHUNK = 64
 #: Names of modes and guards, for events and error messages.
-_TO_NAMES = region_of_number, Region._fields.__getitem__
+_TO_NAMES = dynamics.region_of_number, Region._fields.__getitem__
 
 
 @dataclass(frozen=True)
@@ -63,7 +56,7 @@ class Trajectory:
     @property
     def t_end(self) -> float:
         """End of the run in s."""
-        return float(self.solution.end)
+        return self.solution.end
 
     @property
     def nfev(self) -> int:
@@ -85,7 +78,7 @@ class Trajectory:
         if isinstance(self.solution, ExactSolution):
             return self.solution.modes(t)
         k = constants(self.parameters)
-        return [region(y, k) for y in self(np.asarray(t)).T]
+        return [dynamics.region(y, k) for y in self(np.asarray(t)).T]
 
     def set_velocity(self, t: np.ndarray | float) -> np.ndarray:
         """Set velocity U in volts at the times `t`; at a switch, the new value."""
@@ -107,7 +100,8 @@ class Trajectory:
         times = self.t if t is None else np.asarray(t, dtype=float)
         y = self.y if t is None else self(times)
         exact = isinstance(self.solution, ExactSolution)
-        return auxiliary_variables(self.parameters, y, self.regions(times) if exact else ())
+        regions = self.regions(times) if exact else ()
+        return dynamics.auxiliary_variables(self.parameters, y, regions)
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """State at the times `t`: exact, or by cubic Hermite interpolation between steps.
@@ -126,15 +120,11 @@ class Steps:
 
     parameters: AxisParameters
     schedule: Schedule
+    end: float  #: time of the last step in s
     t: np.ndarray
     y: np.ndarray
     nfev: int
     events: tuple = ()  #: a Runge-Kutta method detects none
-
-    @property
-    def end(self) -> float:
-        """Time of the last step in s."""
-        return float(self.t[-1])
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """States at the times `t` by cubic Hermite interpolation."""
@@ -307,10 +297,10 @@ class _Task(NamedTuple):
 
 
 def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
-    numbers, limits = np.array(constants(p)), (MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH)
-    record = modes.run(numbers, *task, limits)
+    k, limits = constants(p), (MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH)
+    record = modes.run((k, dynamics.without_offsets(k)), *task, limits)
     require_finished(record, *_TO_NAMES)
-    states = partial(modes.states, numbers)
+    states = partial(modes.states, p.r_g)
     return ExactSolution(record, task.t_end, states, *_TO_NAMES, task.schedule)
 
 
@@ -341,7 +331,7 @@ def _runge_kutta(
         t.append(run.t[1:])
         y.append(run.y[:, 1:])
         nfev += run.nfev
-    steps = Steps(p, task.schedule, np.concatenate(t), np.concatenate(y, axis=1), nfev)
+    steps = Steps(p, task.schedule, t_end, np.concatenate(t), np.concatenate(y, axis=1), nfev)
     size = "adaptive steps" if step_size is None else f"step size {step_size:g}"
     _raise_if_beyond_bound(steps, f"{method.name}, {size}")
     return steps

@@ -9,9 +9,10 @@ resolution and the shape of the move are our choice.
 # mypy: disable-error-code="no-untyped-def"
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numba import njit
@@ -20,6 +21,9 @@ from armsim.checks import checked_count, checked_number
 from armsim.choices import CHOICES
 
 _MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
+
+#: Constants of a unit for compiled code; `angle` is in rad per count, 0 for an ideal encoder.
+Law = namedtuple("Law", "K_p K_I K_v delay angle period limit volts_per_speed")
 
 
 @dataclass(frozen=True)
@@ -176,7 +180,7 @@ class SlaveControl:
             checked_number(name, getattr(self, name), above=0.0)
 
     @property
-    def law(self) -> "Law":
+    def law(self) -> Law:
         """Constants of the unit for the compiled `put_out`."""
         angle = 2 * math.pi / self.counts if self.counts else 0.0
         return Law(*[(vars(self) | {"angle": angle})[name] for name in Law._fields])
@@ -185,19 +189,6 @@ class SlaveControl:
         """Sample times (j,) in s before `t_end`; position and speed (j, 2) of the track there."""
         times = self.period * np.arange(math.ceil(t_end / self.period - 1e-9))
         return times, np.ascontiguousarray(self.track(times).T)
-
-
-class Law(NamedTuple):
-    """Constants of a control law; see `SlaveControl`."""
-
-    K_p: float
-    K_I: float
-    K_v: float
-    delay: int
-    angle: float  #: rad per count; 0 for an ideal encoder
-    period: float
-    limit: float
-    volts_per_speed: float
 
 
 #: Memory of a unit between samples: indices of ∫e dt in m s and of the last position in m; size.

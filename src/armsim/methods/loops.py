@@ -88,6 +88,7 @@ def loop(t, end, h, y, shift, rtol, atol, power, times, out, slopes, args):
 """
 
 
+@cache
 def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = False) -> str:
     """Generate the source of a function ``loop`` that integrates with a tableau.
 
@@ -112,7 +113,7 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
     lines = _Lines(tableau, size, form)
     if adaptive:
         return _filled(_ADAPTIVE, lines.common() | lines.adaptive())
-    return _filled(_FIXED, lines.common() | lines.fixed())
+    return _filled(_FIXED, lines.common() | {"stages": lines.stages(tableau.evaluated_stages)})
 
 
 class _Lines:
@@ -172,9 +173,6 @@ class _Lines:
             "store": self.each("out[{row}, n] = x{p}" + self.unshifted),
         }
 
-    def fixed(self) -> dict[str, list[str]]:
-        return {"stages": self.stages(self.tableau.evaluated_stages)}
-
     def adaptive(self) -> dict[str, list[str]]:
         last = self.tableau.stages - 1
         all_stages = range(last + 1)
@@ -213,13 +211,12 @@ def _filled(template: str, blocks: dict[str, list[str]]) -> str:
 # --- from source to a function ----------------------------------------------------------------
 
 _NAMES = {"exp": np.exp, "expm1": np.expm1, "fabs": np.fabs, "maximum": np.maximum}
-_source = cache(loop_source)
 
 
 def python_loop(fun: Callable, tableau: Tableau, form: str, adaptive: bool) -> Callable:
     """Return a loop in plain Python that calls `fun` with arrays."""
     namespace: dict[str, Any] = _NAMES | {"fun": fun}
-    exec(_source(tableau, None, form, adaptive), namespace)
+    exec(loop_source(tableau, None, form, adaptive), namespace)
     return namespace["loop"]
 
 
@@ -228,6 +225,6 @@ def compiled_loop(
     fun: Callable, tableau: Tableau, size: int | None, form: str, adaptive: bool
 ) -> Callable:
     """Compile the loop around a compiled `fun`; the code is cached on disk where possible."""
-    source = _source(tableau, size, form, adaptive)
+    source = loop_source(tableau, size, form, adaptive)
     names = _NAMES | {"fun": fun}
     return machine_code.generated(source, names, fastmath={"contract"}, error_model="numpy")

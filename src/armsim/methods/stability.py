@@ -14,7 +14,6 @@ y' = λ(y - g) the transformed equation z' = λ(1 - g exp(-z)) is nonlinear, and
 state z = ln g its derivative is again λ, so the form is there as limited as the additive one.
 """
 
-from collections.abc import Iterable
 from fractions import Fraction
 from functools import cache
 from math import frexp, inf, lcm
@@ -37,16 +36,12 @@ def stability_function(tableau: Tableau) -> sympy.Poly:
     >>> stability_function(tableaux.RK4_GILL).as_expr()
     z**4/24 + z**3/6 + z**2/2 + z + 1
     """
-    A, b = tableau.A.tolist(), tableau.b
-    coefficients, column = [sympy.Integer(1)], [sympy.Integer(1)] * tableau.stages
+    A, row = sympy.Matrix(tableau.A), sympy.Matrix([tableau.b])
+    coefficients = [sympy.Integer(1)]
     for _ in range(tableau.stages):
-        coefficients.append(_dot(b, column))
-        column = [_dot(row, column) for row in A]
+        coefficients.append(sympy.expand(sum(row)))
+        row = row * A
     return sympy.Poly(coefficients[::-1], sympy.Symbol("z"))
-
-
-def _dot(left: Iterable[sympy.Expr], right: Iterable[sympy.Expr]) -> sympy.Expr:
-    return sympy.expand(sum(x * y for x, y in zip(left, right, strict=True)))
 
 
 def real_limit(tableau: Tableau) -> float:
@@ -130,18 +125,13 @@ def _squared(coefficients: list[Fraction], direction: complex) -> list[Fraction]
     (x, p), (y, q) = (part.as_integer_ratio() for part in (direction.real, direction.imag))
     unit, common = max(p, q), lcm(*(r.denominator for r in coefficients))  # p, q: powers of two
     x, y = x * (unit // p), y * (unit // q)
-    real, imaginary = [], []
+    parts = np.empty((2, len(coefficients)), dtype=object)  # real and imaginary, Python's integers
     u, v = 1, 0  # (x + iy)^k
-    for r in coefficients:
-        real.append(int(r * common) * u)
-        imaginary.append(int(r * common) * v)
+    for k, r in enumerate(coefficients):
+        parts[:, k] = int(r * common) * u, int(r * common) * v
         u, v = u * x - v * y, u * y + v * x
-    degree = len(coefficients) - 1
-    squares = [
-        sum(part[j] * part[k - j] for part in (real, imaginary)
-            for j in range(max(0, k - degree), min(k, degree) + 1))
-        for k in range(2 * degree + 1)
-    ]  # fmt: skip
+    real, imaginary = parts
+    squares = np.convolve(real, real) + np.convolve(imaginary, imaginary)
     return [Fraction(square, common**2 * unit**k) for k, square in enumerate(squares)]
 
 

@@ -1,14 +1,16 @@
 """Exact Butcher tableaux of the paper's methods, with its misprints corrected.
 
-Each tableau is written once, as text. Nodes, stage count, reuse of the last stage, floats and
-compiled code are derived from it.
+Each tableau is written once, in ``tableaux.toml`` beside this file. Nodes, stage count, reuse of
+the last stage, floats and compiled code are derived from it.
 """
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations_with_replacement
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -137,85 +139,23 @@ def _exact(value: object, where: str) -> sympy.Expr:
     return number
 
 
-def _lower(rows: str) -> list[list[str]]:
-    """Square matrix from the text of its rows below the diagonal."""
-    parts = [[], *(row.split() for row in rows.strip().splitlines())]
-    return [part + ["0"] * (len(parts) - len(part)) for part in parts]
+def _corrected(name: str, A: str, b: str, reference: str, **more: str) -> Tableau:
+    """Tableau from its texts in ``tableaux.toml``."""
+    below = [[], *(row.split() for row in A.splitlines())]
+    square = [row + ["0"] * (len(below) - len(row)) for row in below]
+    rows: dict[str, Any] = {label: text.split() for label, text in more.items()}
+    if "interpolant" in more:
+        rows["interpolant"] = [row.split() for row in more["interpolant"].splitlines()]
+    return Tableau(name, square, b.split(), reference=reference, **rows)
 
 
-EULER = Tableau("Euler", [[0]], [1], reference="Euler, Institutionum calculi integralis I, 1768")
+_FILE = Path(__file__).with_name("tableaux.toml")
+_TABLES = tomllib.loads(_FILE.read_text(encoding="utf-8"))
 
-RK4_GILL = Tableau(
-    "RK-Gill",
-    _lower("""
-        1/2
-        (sqrt(2)-1)/2  (2-sqrt(2))/2
-        0              -sqrt(2)/2     (2+sqrt(2))/2
-    """),
-    "1/6 (2-sqrt(2))/6 (2+sqrt(2))/6 1/6".split(),
-    reference="Gill, Proc. Cambridge Phil. Soc. 47 (1951) 96-108",
-)
-
-RK5 = Tableau(
-    "RK5 (Butcher)",
-    _lower("""
-        1/4
-        1/8    1/8
-        0     -1/2   1
-        3/16   0     0      9/16
-        -3/7   2/7   12/7  -12/7   8/7
-    """),
-    "7/90 0 32/90 12/90 32/90 7/90".split(),
-    reference="Butcher, J. Austral. Math. Soc. 4 (1964) 179-194",
-)
-
-RK6 = Tableau(
-    "RK6 (Butcher)",
-    _lower("""
-        1/2
-        2/9      4/9
-        7/36     2/9    -1/12
-        -35/144  -55/36  35/48   15/8
-        -1/360   -11/36  -1/8    1/2      1/10
-        -41/260  22/13   43/156  -118/39  32/195  80/39
-    """),
-    "13/200 0 11/40 11/40 4/25 4/25 13/200".split(),
-    reference="Butcher, J. Austral. Math. Soc. 4 (1964) 179-194",
-)
-
-_DP_ROWS = _lower("""
-    1/5
-    3/40        9/40
-    44/45       -56/15       32/9
-    19372/6561  -25360/2187  64448/6561  -212/729
-    9017/3168   -355/33      46732/5247  49/176    -5103/18656
-    35/384      0            500/1113    125/192   -2187/6784   11/84
-""")
-_DP_FIFTH = "35/384 0 500/1113 125/192 -2187/6784 11/84 0".split()
-_DP_FOURTH = "5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40".split()
-_DP_REFERENCE = "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19-26, RK5(4)7M"
-
-# Fourth-order interpolant with continuous derivative: Shampine, Math. Comp. 46 (1986) 135-150
-_DP_INTERPOLANT = [
-    row.split()
-    for row in """
-    1  -8048581381/2820520608     8663915743/2820520608     -12715105075/11282082432
-    0   0                         0                          0
-    0   131558114200/32700410799 -68118460800/10900136933    87487479700/32700410799
-    0  -1754552775/470086768      14199869525/1410260304    -10690763975/1880347072
-    0   127303824393/49829197408 -318862633887/49829197408   701980252875/199316789632
-    0  -282668133/205662961       2019193451/616988883      -1453857185/822651844
-    0   40617522/29380423        -110615467/29380423         69997945/29380423
-    """.strip().splitlines()
-]
-
-DP5 = Tableau(
-    "DP5",
-    _DP_ROWS,
-    _DP_FIFTH,
-    b_embedded=_DP_FOURTH,
-    interpolant=_DP_INTERPOLANT,
-    reference=_DP_REFERENCE,
-)
+EULER = _corrected(**_TABLES["EULER"])
+RK4_GILL = _corrected(**_TABLES["RK4_GILL"])
+RK5 = _corrected(**_TABLES["RK5"])
+RK6 = _corrected(**_TABLES["RK6"])
+DP5 = _corrected(**_TABLES["DP5"])
 #: Embedded weights of the same pair, which the paper presents as a sixth-order method.
-DP4 = Tableau("DP4", _DP_ROWS, _DP_FOURTH, reference=_DP_REFERENCE)
+DP4 = Tableau("DP4", DP5.A, DP5.b_embedded, reference=DP5.reference)

@@ -10,7 +10,7 @@ Ordinary Differential Equations I*, theorem II.2.13; Butcher, *Numerical Methods
 Differential Equations*, chapter 3).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import count, groupby
@@ -114,29 +114,21 @@ class Condition:
 
     tree: Tree
     order: int  #: nodes of the tree
-    symmetry: int  #: number of ways to exchange equal subtrees
-    density: int  #: product of the sizes of all subtrees
     weight: sympy.Expr  #: elementary weight, exact
     residual: sympy.Expr  #: weight - 1/density, zero if the condition holds
 
 
-class _Method:
-    """Tableau over the smallest field that contains it, where tests for zero are exact."""
-
-    def __init__(self, tableau: Tableau) -> None:
-        s = tableau.stages
-        self.field, numbers = construct_domain(
-            [*sympy.flatten(tableau.A), *tableau.b], field=True, extension=True
-        )
-        self.A = [numbers[i * s : (i + 1) * s] for i in range(s)]
-        self.b = numbers[s * s :]
-        self.known: dict[Tree, list[Any]] = {}
-
-    def weight(self, tree: Tree) -> Any:
-        return self.field.convert(_dot(self.b, _product(tree, self.A, self.known)))
-
-    def residual(self, tree: Tree) -> Any:
-        return self.weight(tree) - self.field.one / self.field.convert(density(tree))
+def _conditions(tableau: Tableau, trees: Iterable[Tree]) -> Iterator[Condition]:
+    """Evaluate conditions over the smallest field that contains the tableau, hence exactly."""
+    known: dict[Tree, list[Any]] = {}
+    coefficients = [*sympy.flatten(tableau.A), *tableau.b]
+    field, numbers = construct_domain(coefficients, field=True, extension=True)
+    s = tableau.stages
+    A, b = [numbers[i * s : (i + 1) * s] for i in range(s)], numbers[s * s :]
+    for tree in trees:
+        weight = field.convert(_dot(b, _product(tree, A, known)))
+        residual = weight - field.one / field.convert(density(tree))
+        yield Condition(tree, size(tree), field.to_sympy(weight), field.to_sympy(residual))
 
 
 def residuals(tableau: Tableau, order: int) -> list[Condition]:
@@ -153,14 +145,8 @@ def residuals(tableau: Tableau, order: int) -> list[Condition]:
         If `order` is not a positive integer.
     """
     rooted_trees(order)  # raises for an invalid order
-    method = _Method(tableau)
-    exact = method.field.to_sympy
-    return [
-        Condition(tree, n, symmetry(tree), density(tree),
-                  exact(method.weight(tree)), exact(method.residual(tree)))
-        for n in range(1, order + 1)
-        for tree in rooted_trees(n)
-    ]  # fmt: skip
+    every = (tree for n in range(1, order + 1) for tree in rooted_trees(n))
+    return list(_conditions(tableau, every))
 
 
 def order(tableau: Tableau) -> int:
@@ -172,9 +158,9 @@ def order(tableau: Tableau) -> int:
     >>> order(tableaux.RK6), order(tableaux.DP4)
     (6, 4)
     """
-    method = _Method(tableau)
     # An explicit method of s stages fails for the tall tree of s + 1 nodes, so this ends.
-    return next(n for n in count(1) if any(map(method.residual, rooted_trees(n)))) - 1
+    every = (tree for n in count(1) for tree in rooted_trees(n))
+    return next(c.order for c in _conditions(tableau, every) if c.residual != 0) - 1
 
 
 def latex(tree: Tree) -> str:
