@@ -45,9 +45,7 @@ def paper():
     values = {name: printed(name)[-1] for name in PRINTED}
     values |= {"T_p": read("axes/x.toml")["axis"]["T_p"]} | read("choices.toml")["axis"]["x"]
     p = SimpleNamespace(**values)
-    current, output, motor = steady(p, 1.0)
-    p.K_1 = (output + p.K_2 * p.K_t * motor) / 10.0
-    return p
+    return changed(p, K_1=gain(p))
 
 
 def changed(p, **values):
@@ -60,6 +58,12 @@ def steady(p, velocity):
     current = (p.B_m * motor + p.r_g * p.B_a * velocity) / p.K_b
     voltage = p.R_a * current + p.K_b * motor
     return current, voltage / p.K_e + current / p.K_i, motor
+
+
+def gain(p):
+    """K_1 with which 10 V give 1 m/s."""
+    _, output, motor = steady(p, 1.0)
+    return (output + p.K_2 * p.K_t * motor) / 10.0
 
 
 class Region(NamedTuple):
