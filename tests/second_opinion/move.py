@@ -74,7 +74,7 @@ def controlled(wanted, r_g, advance):
 
 def nonlinear(p, wanted, times):
     """Position of the nonlinear arm."""
-    run = Run(p, rtol=1e-9)
+    run = Run(p, rtol=1e-8)
 
     def advance(volts, t_end):
         run.advance(volts, t_end)
