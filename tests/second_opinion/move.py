@@ -85,11 +85,7 @@ def nonlinear(p, wanted, times):
 
 
 def linear_matrix(p):
-    """Matrix (5, 5) of motor angle, its rate, two lags and their input, which is held.
-
-    The paper's rule for K_1, that 10 V give 1 m/s, is applied to this model too.
-    """
-    p = changed(p, K_1=gain(changed(p, K_e=np.inf)))
+    """Matrix (5, 5) of motor angle, its rate, two lags and their input, which is held."""
     J, B = p.J_m + p.r_g**2 * p.M, p.B_m + p.r_g**2 * p.B_a
     drive, lags = p.K_b * p.K_i / J, 1 / (p.T_p * p.T_r)
     return np.array([
@@ -120,8 +116,10 @@ def linear(p, wanted):
 def apart(speed, acceleration):
     """Largest distance of the two models in mm."""
     p, wanted = paper(), track(read("choices.toml")["move"]["distance"], speed, acceleration)
+    # the paper's rule for K_1, that 10 V give 1 m/s, is applied to the linear model too
+    q = changed(p, K_1=gain(changed(p, K_e=np.inf)))
     times = PERIOD / WITHIN * np.arange(WITHIN * len(wanted) + 1)
-    return 1e3 * np.abs(linear(p, wanted) - nonlinear(p, wanted, times)).max()
+    return 1e3 * np.abs(linear(q, wanted) - nonlinear(p, wanted, times)).max()
 
 
 def opinions():
