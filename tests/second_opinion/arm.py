@@ -170,7 +170,7 @@ class Run:
     def to_event(self, volts, t_end):
         """Integrate until a guard becomes positive or the time is over."""
         matrix, rows, changes = self.tables(volts)
-        # typical sizes of the states; the currents, voltages and speeds of this arm exceed them
+        # absolute tolerances: a hundredth of the relative one, for states of about these sizes
         atol = 1e-2 * self.rtol * np.array([1, 1, 1e-4, 100, 10, 1e3, 1, 1])
         solver = DOP853(lambda _, z: matrix @ z, self.t, self.z, t_end, rtol=self.rtol, atol=atol)
         while solver.status == "running":

@@ -10,7 +10,7 @@ import numpy as np
 from arm import Run, changed, gain, paper, read
 from scipy.linalg import expm
 
-PERIOD, TRACK_PERIOD = 0.005, 0.08  # s
+PERIOD, TRACK_PERIOD = 0.005, 0.08  # s, the paper's Section 3.2
 LIMIT, VOLTS_PER_SPEED = 10.0, 10.0  # V; V s/m
 AFTER = 1.0  # s that the arm is watched after the track
 WITHIN = 20  # points of comparison in a sample
@@ -127,10 +127,10 @@ def opinions():
     speed, acceleration = choice["velocity"], choice["acceleration"]
     moves = {
         "text": (speed, acceleration),
-        "caption": (1.0, acceleration),
+        "caption": (1.0, acceleration),  # the speed in the caption of the paper's Figure 4
         "acceleration": (speed, 1.5 * acceleration),
     }
-    # mm; the arm is integrated to 1e-6 mm and compared every 0.25 ms. The record takes seven states
+    # mm; the arm is integrated to 1e-5 mm and compared every 0.25 ms. The record takes seven states
     # with a large finite K_e, and one count of the encoder (0.018 mm) that falls the other way in
     # one of two such models moves the third digit
     return {
