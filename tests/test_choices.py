@@ -69,3 +69,9 @@ def test_sensitivity_changes_the_file_and_nothing_else():
         changed = tomllib.loads(script.toml(script.change(CHOICES, name, 2.0)))
         assert changed != CHOICES
         assert script.change(changed, name, 0.5) == CHOICES
+
+
+def test_the_record_of_the_move_was_made_with_our_choices():
+    """Else the notebook on the move has no record to compare with."""
+    truth = tomllib.loads((DATA / "measurements" / "truth.toml").read_text(encoding="utf-8"))
+    assert truth["control"] == CHOICES["move"] | CHOICES["control"]

@@ -15,7 +15,7 @@ from armsim.arm import AxisParameters, simulate
 from armsim.arm.dynamics import constants, rhs
 from armsim.arm.files import read_axis, write_measurement
 from armsim.arm.measurement import Measurement, signals
-from armsim.arm.slave_control import SlaveControl
+from armsim.arm.slave_control import SlaveControl, Track
 from armsim.methods import integrate, tableaux
 
 HERE = Path(__file__).resolve().parent
@@ -43,10 +43,11 @@ def run() -> tuple[np.ndarray, np.ndarray]:
 
 
 def programmed_move(p: AxisParameters) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times of the samples, set velocity from each on and states of the default programmed move."""
-    m = TRUTH["move"]
+    """Times of the samples, set velocity from each on and states of the programmed move."""
+    m, law = TRUTH["move"], dict(TRUTH["control"])
+    track = Track.trapezoid(*(law.pop(name) for name in ("distance", "velocity", "acceleration")))
     t = np.round(np.arange(round(m["end"] / m["interval"]) + 1) * m["interval"], 9)
-    run = simulate(p, control=SlaveControl(), t_end=t[-1])
+    run = simulate(p, control=SlaveControl(track=track, **law), t_end=t[-1])
     return t, run.set_velocity(t + 1e-9), run(t)  # at a sample, what it puts out
 
 
