@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 U = 10.0  # V, for 1 m/s (Section 4)
 ABOVE = 1.02  # share of the stability limit
-SHIFT = 1e3  # of the shifted form, in largest values of each state
+SHIFT = 10.0  # of the shifted form, in largest values of each state
 BEGIN, END = 0.9, 1.9  # s, a second of ringing with all limits free
 Slope = Callable[[mpf, list[mpf]], list[mpf]]
 

@@ -214,11 +214,16 @@ def agreeing_digits(step: float = 1e-5) -> int:
 def constants() -> dict[str, tuple[float, float]]:
     """What follows from single printed values."""
     p, tables = x_axis(), load("paper/tables.toml")
-    (limit,) = (row for row in tables["table5"] if row["symbol"] == "V_L")
+    rows = {row["symbol"]: row for row in tables["table5"]}
+    limit, current = rows["V_L"], rows["I_M"]
     return {
         "10_model::rolloff": (1 / (2 * pi * p["T_r"]), 1e-9),  # rounding only
         "30_nonlinear_step_response::K_1": (set_velocity_gain(p), 1e-6),  # condition 2e8
         "52_parameter_fit::printed_K_i_V_L_novel": (p["K_i"] * numbers(limit["ndp"])[0], 1e-12),
+        "52_parameter_fit::gain_needed_novel": (
+            numbers(current["ndp"])[0] / numbers(limit["ndp"])[0],
+            1e-12,
+        ),
     }
 
 
