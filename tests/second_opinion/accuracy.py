@@ -338,7 +338,8 @@ def opinions():
     errors = np.array(linear_errors(sizes)["RK6"])
     used = (errors > 1e-8) & (errors < 0.1)
     slope = np.polyfit(np.log(sizes[used]), np.log(errors[used]), 1)[0]
-    found["order_linear_RK6"] = slope, 5e-3
+    # relative to the largest value at the steps, which a coarse step may miss by some per cent
+    found["order_linear_RK6"] = slope, 0.02
     for name in METHODS:
         off = first_step(exact, name)
         # the largest current is a sharp peak, which the record may see 1e-4 too low between samples
@@ -349,4 +350,5 @@ def opinions():
     ratio, evaluations = at_equal_step(exact), at_equal_error(1e-8)
     found["60_cpu_time::error_ratio"] = ratio, 1e-3 * ratio
     found["60_cpu_time::linear_equal_error_8"] = evaluations, 5e-3 * evaluations
-    return found | {"60_cpu_time::linear_equal_error_1": (at_coarse_error(0.1), 1e-12)}
+    # with 34 and 47 steps, two more or less by the largest value that they are relative to
+    return found | {"60_cpu_time::linear_equal_error_1": (at_coarse_error(0.1), 0.06)}

@@ -116,10 +116,8 @@ def linear(p, wanted):
 def apart(speed, acceleration, share=1.0):
     """Largest distance of the two models in mm, with a share of our forward gain."""
     p = changed(paper(), K_e=share * paper().K_e)
-    p, wanted = (
-        changed(p, K_1=gain(p)),
-        track(read("choices.toml")["move"]["distance"], speed, acceleration),
-    )
+    p = changed(p, K_1=gain(p))
+    wanted = track(read("choices.toml")["move"]["distance"], speed, acceleration)
     # the paper's rule for K_1, that 10 V give 1 m/s, is applied to the linear model too
     q = changed(p, K_1=gain(changed(p, K_e=np.inf)))
     times = PERIOD / WITHIN * np.arange(WITHIN * len(wanted) + 1)
@@ -134,7 +132,6 @@ def opinions():
         "caption": (1.0, acceleration),  # the speed in the caption of the paper's Figure 4
         "acceleration": (speed, 1.5 * acceleration),
         "little_more": (speed, 1.05 * acceleration),
-        "caption_less": (1.0, 0.9 * acceleration),
         "K_e": (speed, acceleration, 0.9),
     }
     # mm; the arm is integrated to 1e-5 mm and compared every 0.25 ms. The record takes seven states
