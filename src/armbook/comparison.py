@@ -19,7 +19,10 @@ from reportkit.timing import Timing
 
 #: Methods that are run in the exponential forms as well.
 EXPONENTIAL = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
-FORMS: tuple[Form, ...] = ("exponential", "as printed")
+FORMS: dict[Form, str] = {
+    "exponential": "exponential form",
+    "as printed": "exponential form without step size",
+}
 
 
 class Candidate(NamedTuple):
@@ -46,9 +49,9 @@ def candidates(
         for method in EXPONENTIAL:
             name, solve = "exponential, shifted", fixed(method, h, "exponential", 10 * problem.size)
             yield Candidate(f"{method.name}, {name}", h, solve, method, method.exponentials())
-        for form in FORMS:
+        for form, name in FORMS.items():
             for method in EXPONENTIAL:
-                yield Candidate(f"{method.name}, {form} form", h, fixed(method, h, form), method)
+                yield Candidate(f"{method.name}, {name}", h, fixed(method, h, form), method)
     for tolerance in tolerances:
         for name, peer in peers(tolerance, tolerance * problem.size).items():
             yield Candidate(name, tolerance, peer)

@@ -1,4 +1,4 @@
-"""Links from figures to their data, and a list of references for screen readers."""
+"""Links from figures to their data, minus signs, and a list of references for screen readers."""
 
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,13 @@ def link_data(app: Sphinx, doctree: nodes.document) -> None:
                 caption += [nodes.Text(" "), link]
 
 
+def set_minus_signs(app: Sphinx, doctree: nodes.document, page: str) -> None:
+    """Begin quoted negative numbers with a minus sign instead of a hyphen."""
+    for quoted in doctree.findall(nodes.inline):
+        if "pasted-text" in quoted["classes"] and quoted.astext().startswith("-"):
+            quoted.children = [nodes.Text("−" + quoted.astext()[1:])]
+
+
 def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
     """Begin a reference as a list item; the ARIA role that docutils gives it is deprecated."""
     if not isinstance(node.previous_sibling(), nodes.citation):
@@ -35,4 +42,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     visitors = visit_citation, HTMLTranslator.depart_citation
     app.add_node(nodes.citation, override=True, html=visitors)
     app.connect("doctree-read", link_data, priority=100)
+    app.connect("doctree-resolved", set_minus_signs)
     return {"version": "1", "parallel_read_safe": True}

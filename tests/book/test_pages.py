@@ -76,6 +76,10 @@ def test_no_markup_is_left_over(page):
     assert not any("problematic" in attrs.get("class", "").split() for _, attrs in page.tags)
 
 
+def test_quoted_negative_numbers_have_a_minus_sign(path):
+    assert '<span class="pasted-text">-' not in path.read_text(encoding="utf-8")
+
+
 def test_search_index_lists_every_page(site):
     index = (site / "searchindex.js").read_text(encoding="utf-8")
     sources = [path.relative_to(site / "_sources") for path in (site / "_sources").rglob("*.*")]
