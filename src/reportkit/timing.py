@@ -50,9 +50,10 @@ class Timing:
 
     @property
     def spread(self) -> float:
-        """Largest difference between repetitions of a function, as a share of its median."""
+        """Largest range of the middle half of a function's repetitions, as a share of its median."""
         seconds = self.frame.groupby("function")["seconds"]
-        return float(((seconds.max() - seconds.min()) / seconds.median()).max())
+        middle_half = seconds.quantile(0.75) - seconds.quantile(0.25)
+        return float((middle_half / seconds.median()).max())
 
     def interval(self, name: str, to: str) -> list[float]:
         """Limits of the median ratio at a confidence of 95 %, whatever its distribution.
