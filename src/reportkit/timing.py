@@ -50,7 +50,7 @@ class Timing:
 
     @property
     def spread(self) -> float:
-        """Largest range of the middle half of a function's repetitions, as a share of its median."""
+        """Largest range of the middle half of a function's times, as a share of its median."""
         seconds = self.frame.groupby("function")["seconds"]
         middle_half = seconds.quantile(0.75) - seconds.quantile(0.25)
         return float((middle_half / seconds.median()).max())
