@@ -19,6 +19,9 @@ def spread(values: np.ndarray) -> float:
     return float(np.nanmax(np.nanmax(values, axis=0) / np.nanmin(values, axis=0)) - 1)
 
 
-def last_missing(row: np.ndarray, x: np.ndarray) -> float:
-    """Largest of the abscissae `x` (n,) at which a row (n,) is NaN; NaN if it is so nowhere."""
-    return float(max(x[np.isnan(row)], default=np.nan))
+def missing_up_to(row: np.ndarray, x: np.ndarray) -> float:
+    """Largest of the abscissae `x` (n,) up to which a row (n,) is NaN from its beginning.
+
+    NaN if the row begins with a value. What is missing further on does not count.
+    """
+    return float(max(x[np.cumprod(np.isnan(row)) == 1], default=np.nan))

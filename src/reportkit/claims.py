@@ -290,8 +290,10 @@ class Verdicts:
         if not places:
             return "–"
         others = sorted({how for place in places for how in self.opinions.get(place, ())})
-        times = {1: "once", 2: "twice"}.get(len(others) + 1, f"{len(others) + 1} times")
-        timed = any(not _record(self.records, place).get("compared", True) for place in places)
+        computed = {place for place in places if _record(self.records, place).get("compared", True)}
+        fewest = 1 + min((len(self.opinions.get(place, ())) for place in computed), default=0)
+        times = {1: "once", 2: "twice"}.get(fewest, f"{fewest} times")
+        timed = computed != places
         own = "by the notebook, a measured time" if timed else "by the notebook"
         return f"{times}: {'; '.join([own, *others])}"
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armsim.arm import AxisParameters
+from armsim.arm import AxisParameters, simulate
 from armsim.arm.dynamics import Region
 from armsim.arm.response import (
     arrival_time,
@@ -174,5 +174,10 @@ def test_teeth_pull_only_where_the_damper_says_so(speed):
 
     run.parameters, run.t_end, run.auxiliary = p, 1.0, auxiliary
     force, share = pulling(run, 1e-3)
-    assert force == pytest.approx(speed * p.b_g - gap * p.K_g)
+    assert force == pytest.approx(max(0.0, speed * p.b_g - gap * p.K_g))
     assert share == (1.0 if speed * p.b_g > gap * p.K_g else 0.0)
+
+
+def test_teeth_that_never_meet_have_no_pull():
+    calm = simulate(AxisParameters.paper_x_axis(), 0.0, 0.1)
+    assert np.isnan(pulling(calm, 1e-4)).all()

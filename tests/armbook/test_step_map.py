@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armbook.step_map import last_missing, peak, spread
+from armbook.step_map import missing_up_to, peak, spread
 
 X, Y = np.array([0.1, 0.2, 0.4, 0.8]), np.array([10.0, 20.0, 30.0])
 MAP = np.array([[1.0, 2.0, 3.0, np.nan], [np.nan, 7.0, 4.0, 5.0], [np.nan, np.nan, 6.0, 1.0]])
@@ -21,7 +21,9 @@ def test_the_spread_is_within_a_column():
     assert spread(MAP) == pytest.approx(max(max(c) / min(c) for c in columns) - 1)
 
 
-def test_the_last_missing_point_of_a_row():
-    assert last_missing(MAP[2], X) == 0.2
-    assert last_missing(MAP[0], X) == 0.8
-    assert np.isnan(last_missing(np.ones(4), X))
+def test_what_is_missing_from_the_beginning_of_a_row():
+    assert missing_up_to(MAP[2], X) == 0.2
+    assert missing_up_to(np.full(4, np.nan), X) == 0.8
+    assert missing_up_to(np.array([np.nan, 1.0, np.nan, np.nan]), X) == 0.1
+    assert np.isnan(missing_up_to(MAP[0], X))  # the end is missing, for another reason
+    assert np.isnan(missing_up_to(np.ones(4), X))

@@ -124,6 +124,11 @@ def test_the_table_says_how_often_a_value_was_computed():
         "3 times: by the notebook; by another program; by hand |",
         "– |",
     ]
+    both = claim(
+        Test("10_a::gain", above=1.0), TRUE
+    )  # the one that was computed least often counts
+    (row,) = Verdicts([both], RECORDS, opinions=opinions).table().splitlines()[2:]
+    assert row.split(" | ")[-1].startswith("twice: by the notebook; by another program; by hand")
     timed = {"10_a": {"order": {"value": 4, "unit": "1", "compared": False}}}
     (row,) = Verdicts([claim(TRUE)], timed).table().splitlines()[2:]
     assert row.endswith("once: by the notebook, a measured time |")

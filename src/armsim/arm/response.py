@@ -105,6 +105,7 @@ def pulling(run: Trajectory, interval: float = 1e-6) -> tuple[float, float]:
     """Return by how much the teeth of an exact run pull, in N, and for what share of their contact.
 
     The damper of the paper's eq. (14) makes the gear force negative for a moment before teeth part.
+    Both are 0 if the teeth only push, and NaN if they are never in contact.
 
     Parameters
     ----------
@@ -117,8 +118,8 @@ def pulling(run: Trajectory, interval: float = 1e-6) -> tuple[float, float]:
     y, force = run(t), run.auxiliary(t)["f_g"]
     x = p.r_g * y[2] - y[0]
     contact = np.sign(x) * (np.abs(x) > p.H)
-    pull = (-contact * force)[contact != 0]
-    return (float(pull.max()), float((pull > 0).mean())) if pull.size else (0.0, nan)
+    pull = np.maximum(0.0, -contact * force)[contact != 0]
+    return (float(pull.max()), float((pull > 0).mean())) if pull.size else (nan, nan)
 
 
 def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float) -> float:
