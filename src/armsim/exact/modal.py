@@ -14,19 +14,29 @@ from typing import Any, NamedTuple
 import llvmlite.binding  # type: ignore[import-untyped]
 import numpy as np
 from numba import njit, types
-from numba.extending import get_cython_function_address
+from numba.extending import get_cython_function_address, intrinsic
 
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 compiled = njit(**OPTIONS)
+#: For sums in twice the working precision: no product is merged with a sum.
+strict = njit(error_model="numpy", nogil=True)
 #: For functions that are small or called from several places.
 inlined = njit(forceinline=True, **OPTIONS)
 #: For functions called from one place: merged into the caller before optimisation.
 merged = njit(inline="always", **OPTIONS)
 
-#: Largest entry of the inverse eigenvector matrix for which the modal form is used.
-WELL_CONDITIONED = 1e5
+#: Relative error up to which the modal form is preferred to the Taylor series, and up to which it
+#: is used where the series would need too many pieces.
+PRECISE, TOLERATED = 1e-12, 1e-9
+#: Condition up to which the eigenvectors are trusted whatever the units of the states.
+WELL_CONDITIONED = 100.0
+#: Relative rounding error.
+EPS = float(np.finfo(float).eps)
 #: Terms of the Taylor series; for ‖A‖u ≤ 1 the next term is below rounding.
 TERMS = 19
+
+#: Largest number of pieces for which the Taylor series is used.
+MAX_PIECES = 1_000_000
 
 UNKNOWN, DEFECTIVE = -2, -1
 
@@ -37,6 +47,7 @@ class Matrices(NamedTuple):
     A: np.ndarray  #: (k, n, n)
     unit: np.ndarray  #: (k, n) balancing units of the states; 0 if no derivative depends on it
     reach: np.ndarray  #: (k,) longest time for the Taylor series, 1/‖A‖ in these units
+    loss: np.ndarray  #: (k,) bound of the relative error of a piece, from the condition used
     modes: np.ndarray  #: (k,) number of modes kept, 0 for A = 0; or `UNKNOWN`, `DEFECTIVE`
     rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair, the one with Im λ > 0
     inverse: np.ndarray  #: (k, n) complex 1/λ
@@ -53,6 +64,7 @@ def room_for(k, n):
         np.empty((k, n, n)),
         np.empty((k, n)),
         np.empty(k),
+        np.empty(k),
         np.empty(k, np.int64),
         np.empty((k, n), number),
         np.empty((k, n), number),
@@ -62,6 +74,44 @@ def room_for(k, n):
     )
 
 
+# --- exp(λt) and its integrals ----------------------------------------------------------------
+
+
+@inlined
+def _reciprocal(value):
+    """1/λ, or 0 for λ = 0, which no formula asks for."""
+    return 1.0 / value if value != 0.0 else value
+
+
+@inlined
+def _integrals(x, t, inverse):
+    """Return exp(x), (exp(x) - 1) t / x and (exp(x) - 1 - x) t² / x² for x = λt."""
+    if abs(x.real) + abs(x.imag) < 0.5:
+        series = 1.0 + x * (1 / 16)
+        for n in range(15, 2, -1):
+            series = 1.0 + x * (1.0 / n) * series
+        second = 0.5 * t * series
+        first = 1.0 + x / t * second
+        return 1.0 + x * first, t * first, t * second
+    power = np.exp(x)
+    first = (power - 1.0) * inverse
+    return power, first, (first - t) * inverse
+
+
+@inlined
+def integrals(rate, inverse, t):
+    """Return exp(λt) and its first and second integrals over (0, t), accurate also as λt → 0.
+
+    `inverse` is 1/λ.
+    """
+    if t == 0.0:
+        return 1.0 + 0j, 0j, 0j
+    if rate.imag == 0.0:
+        power, first, second = _integrals(rate.real * t, t, inverse.real)
+        return complex(power), complex(first), complex(second)
+    return _integrals(rate * t, t, inverse)
+
+
 # --- a matrix: units, eigenvectors ------------------------------------------------------------
 
 
@@ -69,8 +119,8 @@ def room_for(k, n):
 def _balance(A, unit):
     """Set power-of-two units of the states that balance the rows and columns of `A`.
 
-    A state on which no derivative depends is a pure integral of the others and gets the unit 0.
-    Returns the norm of the matrix of the others in these units.
+    A state on which no derivative depends is a pure integral of the others and gets the unit 0. The
+    diagonal counts: without it, scaling could hide that a matrix is nearly defective. Returns the norm of the matrix of the others in these units.
     """
     n = unit.size
     for j in range(n):
@@ -83,14 +133,13 @@ def _balance(A, unit):
         for i in range(n):
             row = column = 0.0
             for j in range(n):
-                if j != i and unit[i] * unit[j] > 0.0:
-                    row += abs(A[i, j]) * unit[j]
-                    column += abs(A[j, i]) / unit[j]
+                if unit[i] * unit[j] > 0.0:
+                    row += abs(A[i, j]) * unit[j] / unit[i]
+                    column += abs(A[j, i]) * unit[i] / unit[j]
             if row > 0.0 and column > 0.0:
                 power = round(0.5 * math.log2(row / column))
-                better = math.ldexp(1.0, min(max(power, -300), 300))
-                changed = changed or better != unit[i]
-                unit[i] = better
+                changed = changed or power != 0
+                unit[i] = math.ldexp(unit[i], min(max(power, -300), 300))
         if not changed:
             break
     norm = 0.0
@@ -103,11 +152,20 @@ def _balance(A, unit):
     return norm
 
 
+@inlined
+def _equal(A, B):
+    for i in range(A.shape[0]):
+        for j in range(A.shape[0]):
+            if A[i, j] != B[i, j]:
+                return False
+    return True
+
+
 @compiled
 def find(A, m, count):
     """Return the place of `A` among `count` matrices, adding it if new; -1 if storage is full."""
     for place in range(count):
-        if (m.A[place] == A).all():
+        if _equal(m.A[place], A):
             return place
     if count == m.reach.size:
         return -1
@@ -118,44 +176,12 @@ def find(A, m, count):
 
 
 @compiled
-def _size(z):
-    """Squared modulus, which avoids a square root."""
-    return z.real * z.real + z.imag * z.imag
-
-
-@compiled
-def _invert(V, W):
-    """Set `W` to the inverse of `V`, which is destroyed; return its largest entry squared."""
-    n = V.shape[0]
-    for i in range(n):
-        for j in range(n):
-            W[i, j] = 1.0 if i == j else 0.0
-    for k in range(n):
-        pivot = k
-        for i in range(k + 1, n):
-            if _size(V[i, k]) > _size(V[pivot, k]):
-                pivot = i
-        if V[pivot, k] == 0.0:
-            return math.inf
-        for j in range(n):
-            V[k, j], V[pivot, j] = V[pivot, j], V[k, j]
-            W[k, j], W[pivot, j] = W[pivot, j], W[k, j]
-        factor = 1.0 / V[k, k]
-        for j in range(n):
-            V[k, j] *= factor
-            W[k, j] *= factor
-        for i in range(n):
-            factor = V[i, k]
-            if i != k and factor != 0.0:
-                for j in range(n):
-                    V[i, j] -= factor * V[k, j]
-                    W[i, j] -= factor * W[k, j]
-    return (W.real**2 + W.imag**2).max() if n > 0 else 0.0  # of integrals alone, nothing is left
-
-
-@compiled
-def _part(C, rows, columns):
-    return C[rows][:, columns]
+def _solution(A, B):
+    """Solution of A X = B; infinite if A is singular."""
+    try:
+        return np.ascontiguousarray(np.linalg.solve(A, B))
+    except Exception:  # numba knows no narrower one here
+        return np.full_like(B, np.inf)
 
 
 # LAPACK's solver for real matrices, from SciPy. If eigenvalues are complex, numba's np.linalg.eig
@@ -213,21 +239,12 @@ def _influence(C):
 
 
 @compiled
-def _extend(C, block, driven, value, v):
-    """Extend an eigenvector of a block to the states that it drives; return whether it exists."""
-    rest = _part(C, driven, driven)
-    for i in range(driven.size):
-        rest[i, i] -= value
-    inverse = np.empty_like(rest)
-    if _invert(rest, inverse) == math.inf:
-        return False
-    for j in range(driven.size):
-        drive = 0j
-        for k in block:
-            drive += C[driven[j], k] * v[k]
-        for i in range(driven.size):
-            v[driven[i]] -= inverse[i, j] * drive
-    return True
+def _part(C, rows, columns):
+    part = np.empty((rows.size, columns.size), C.dtype)
+    for i in range(rows.size):
+        for j in range(columns.size):
+            part[i, j] = C[rows[i], columns[j]]
+    return part
 
 
 @compiled
@@ -236,7 +253,7 @@ def _blockwise(C, rate, V):
 
     States that are coupled in a loop form a block. The eigenvectors of a block are extended to the
     states that it drives so that (C - λ) v = 0 there too. Small blocks cost less than the whole
-    matrix and lose fewer digits.
+    matrix, and what a mode does not reach stays exactly zero.
     """
     n, done, acts = C.shape[0], 0, _influence(C)
     for first in range(n):
@@ -244,38 +261,109 @@ def _blockwise(C, rate, V):
         driven = np.flatnonzero(acts[:, first] & ~acts[first, :])
         if block[0] < first:
             continue
-        values, vectors, failed = eigen(_part(C, block, block).real)
+        values, vectors, failed = eigen(_part(C, block, block))
         if failed:
             return False
+        drive, rest = _part(C, driven, block) + 0j, _part(C, driven, driven) + 0j
         for k in range(block.size):
             v = np.zeros(n, np.complex128)
-            for i in range(block.size):
-                v[block[i]] = vectors[i, k]
-            if driven.size > 0 and not _extend(C, block, driven, values[k], v):
-                return False
+            v[block] = vectors[:, k]
+            if driven.size > 0:
+                shifted = values[k] * np.eye(driven.size) - rest
+                v[driven] = _solution(shifted, drive @ np.ascontiguousarray(vectors[:, k]))
             rate[done], V[:, done] = values[k], v / np.abs(v).max()
             done += 1
     return True
 
 
-@compiled
-def _polish(C, V, W, rate, noise):
-    """Refine the eigenvalues, the eigenvectors and their inverse `W` by a Newton step.
+@intrinsic
+def _fma(typing, a, b, c):  # a b + c, rounded once
+    def code(context, builder, signature, arguments):
+        return builder.fma(*arguments)
 
-    All eigenvalues initially have the rounding error of the largest. The diagonal of W C V gives
-    refined eigenvalues; the other entries give the corrections of the eigenvectors. Eigenvectors
-    are not corrected for gaps between eigenvalues below `noise`.
+    return types.float64(types.float64, types.float64, types.float64), code
+
+
+@strict
+def _add_product(total, rest, a, b):
+    """Add a b to an unevaluated sum total + rest of twice the working precision."""
+    product = a * b
+    grown = total + product
+    kept = grown - total
+    return grown, rest + (_fma(a, b, -product) + ((total - (grown - kept)) + (product - kept)))
+
+
+@strict
+def _difference(P, Q, F, d):
+    """P Q - F diag(d), summed in twice the working precision.
+
+    Dot2 of Ogita, Rump and Oishi, doi 10.1137/030601818, for complex numbers.
     """
-    D = W @ (C @ V)
-    X = np.zeros_like(D)
-    for i in range(rate.size):
-        rate[i] = D[i, i]
-        for j in range(rate.size):
-            gap = D[j, j] - D[i, i]
-            if _size(gap) > noise * noise and _size(D[i, j]) < 1e-6 * _size(gap):
-                X[i, j] = D[i, j] / gap
-    V += V @ X
-    W -= X @ W
+    n, out = d.size, np.empty_like(Q)
+    for i in range(n):
+        for j in range(n):
+            real = more_real = imag = more_imag = 0.0
+            for k in range(n + 1):
+                p, q = (P[i, k], Q[k, j]) if k < n else (F[i, j], -d[j])
+                real, more_real = _add_product(real, more_real, p.real, q.real)
+                real, more_real = _add_product(real, more_real, -p.imag, q.imag)
+                imag, more_imag = _add_product(imag, more_imag, p.real, q.imag)
+                imag, more_imag = _add_product(imag, more_imag, p.imag, q.real)
+            out[i, j] = complex(real + more_real, imag + more_imag)
+    return out
+
+
+@compiled
+def _refine(C, V, rate):
+    """Refine eigenvalues and eigenvectors by Newton's method.
+
+    Returns the inverse of `V` and a bound of the relative error of a sum over the modes. With E = V⁻¹ (C V - V Λ), the corrections are E_ii of an eigenvalue and E_ij / (λ_j - λ_i) of an
+    eigenvector. Where the gap does not exceed E_ij, the eigenvalues count as equal.
+    """
+    n, one = rate.size, np.eye(rate.size) + 0j
+    floor = EPS * np.abs(C).max()
+    for _ in range(6):
+        E = _solution(V, _difference(C, V, V, rate))
+        X, largest, left = np.zeros_like(E), 0.0, 0.0
+        for i in range(n):
+            for j in range(n):
+                gap, size = rate[j] - rate[i], abs(E[i, j])
+                if i == j or size <= EPS**2 * abs(gap):
+                    continue
+                if size < 0.3 * abs(gap):
+                    X[i, j] = E[i, j] / gap
+                    largest = max(largest, abs(X[i, j]))
+                else:
+                    left = max(left, size / (floor + max(abs(rate[i]), abs(rate[j]))))
+        for i in range(n):
+            rate[i] += E[i, i]
+        V += V @ X
+        if largest < 1e-8:
+            break
+    W = _solution(V, one)
+    W -= _difference(W, V, one, np.ones(n)) @ W
+    W = np.where(np.abs(W) > EPS**2, W, 0j)  # a zero that rounding has blurred costs time later
+    condition = (np.abs(V) @ np.abs(W)).sum(axis=1).max()
+    if not condition < WELL_CONDITIONED:
+        condition = _cancellation(V, W, rate)
+    return W, condition * (4 * n * EPS + largest**2 + left)
+
+
+@compiled
+def _cancellation(V, W, rate):
+    """By how much the terms of a sum over the modes exceed the sum, for the worst state.
+
+    Compared are the largest values in time of the responses to all slopes. Unlike the condition of
+    the eigenvectors, which is never less, this hardly depends on the units of the states.
+    """
+    n, first = rate.size, np.empty_like(rate)
+    sums, terms, longest = np.zeros(n), np.zeros(n), 1.0 / max(0.0, rate.real.max())
+    for time in 1.0 / np.abs(rate[rate != 0.0]):
+        for k in range(n):
+            first[k] = integrals(rate[k], _reciprocal(rate[k]), min(time, longest))[1]
+        response, size = np.abs((V * first) @ W), np.abs(V * first) @ np.abs(W)
+        sums, terms = np.maximum(sums, response.sum(axis=1)), np.maximum(terms, size.sum(axis=1))
+    return (terms / sums).max()
 
 
 @compiled
@@ -283,7 +371,7 @@ def _keep(m, place, slot, value, weight, v, w, core):
     """Store a mode: its rate, and the maps from slopes to its amplitude and on to the states."""
     A, unit = m.A[place], m.unit[place]
     m.rate[place, slot] = value
-    m.inverse[place, slot] = 1.0 / value if value != 0.0 else value
+    m.inverse[place, slot] = _reciprocal(value)
     m.speed[place, slot] = abs(value)
     for i in range(unit.size):
         m.row[place, slot, i] = m.column[place, i, slot] = 0.0
@@ -297,25 +385,36 @@ def _keep(m, place, slot, value, weight, v, w, core):
 
 
 @compiled
-def decompose(m, place):
-    """Compute the modal form of a matrix, or mark it as near-defective."""
+def decompose(m, place, pieces):
+    """Compute the modal form of a matrix, or mark it as near-defective.
+
+    `pieces` is the number of pieces that the Taylor series would need. If it is too large and the
+    eigenvectors are nearly dependent as well, the loss is above what is tolerated.
+    """
     A, unit = m.A[place], m.unit[place]
     core = np.flatnonzero(unit > 0.0)
     size = core.size
+    if size == 0:  # the states are integrals alone
+        m.modes[place], m.loss[place] = 0, 0.0
+        return
     C = np.empty((size, size), np.complex128)
-    V, W, rate = np.empty_like(C), np.empty_like(C), np.empty(size, np.complex128)
+    V, rate = np.empty_like(C), np.empty(size, np.complex128)
     for i in range(size):
         for j in range(size):
             C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
-    m.modes[place] = DEFECTIVE
-    if not _blockwise(C, rate, V) or not _invert(V.copy(), W) < WELL_CONDITIONED**2:
+    short = pieces < MAX_PIECES
+    m.modes[place], m.loss[place] = DEFECTIVE, 4 * size * EPS if short else math.inf
+    if not _blockwise(C.real, rate, V):
         return
-    _polish(C, V, W, rate, 1e-13 / m.reach[place])
+    W, loss = _refine(C, V, rate)
+    if not loss < (PRECISE if short else TOLERATED):
+        return
+    m.loss[place] = loss
     kept = total = 0
     for _ in range(size):
         k = 0
         for other in range(1, size):
-            if _size(rate[other]) < _size(rate[k]):
+            if abs(rate[other]) < abs(rate[k]):
                 k = other
         value, rate[k] = rate[k], math.inf
         # The weight of a pair is 2. Its eigenvector is independent of its conjugate and therefore
@@ -333,35 +432,6 @@ def decompose(m, place):
 
 
 # --- a piece: its formula ---------------------------------------------------------------------
-
-
-@inlined
-def _integrals(x, t, inverse):
-    """Return exp(x), (exp(x) - 1) t / x and (exp(x) - 1 - x) t² / x² for x = λt."""
-    if abs(x.real) + abs(x.imag) < 0.5:
-        series = 1.0 + x * (1 / 16)
-        for n in range(15, 2, -1):
-            series = 1.0 + x * (1.0 / n) * series
-        second = 0.5 * t * series
-        first = 1.0 + x / t * second
-        return 1.0 + x * first, t * first, t * second
-    power = np.exp(x)
-    first = (power - 1.0) * inverse
-    return power, first, (first - t) * inverse
-
-
-@inlined
-def integrals(rate, inverse, t):
-    """Return exp(λt) and its first and second integrals over (0, t), accurate also as λt → 0.
-
-    `inverse` is 1/λ.
-    """
-    if t == 0.0:
-        return 1.0 + 0j, 0j, 0j
-    if rate.imag == 0.0:
-        power, first, second = _integrals(rate.real * t, t, inverse.real)
-        return complex(power), complex(first), complex(second)
-    return _integrals(rate * t, t, inverse)
 
 
 @compiled

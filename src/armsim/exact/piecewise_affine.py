@@ -34,7 +34,8 @@ AT_ONCE = 25
     TOO_MANY_MATRICES,
     NOT_FINITE,
     SEARCH_TOO_LONG,
-) = range(7)
+    TOO_INEXACT,
+) = range(8)
 
 
 class Record(NamedTuple):
@@ -61,8 +62,6 @@ def _run_piece(here, m, place, h, longest_search, z, w):
     guard, side = crossing.stand(here, z, w)
     if guard >= 0:
         return 0.0, guard, side
-    if m.modes[place] == UNKNOWN:
-        modal.decompose(m, place)
     modes = max(m.modes[place], 0)
     _set_formula(m, place, w.slope, w)
     if modes == 0:
@@ -161,8 +160,10 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         if mode != found:
             place, found = modal.find(here.A, m, known), mode
             known = max(known, place + 1)
-        if place < 0 or pieces == limits[1] or not crossing.set_slope(here, z, w.slope):
-            status = _obstacle(place, pieces == limits[1])
+        if place >= 0 and m.modes[place] == UNKNOWN:
+            modal.decompose(m, place, (end - starts[0]) / m.reach[place])
+        status = _obstacle(m, place, pieces == limits[1], crossing.set_slope(here, z, w.slope))
+        if status != FINISHED:
             break
         start, label = _with_room(start, pieces), _with_room(label, pieces)
         start[pieces, 0], start[pieces, 1 : 1 + n], start[pieces, 1 + n :] = t, z, w.slope
@@ -189,11 +190,15 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
 
 
 @compiled
-def _obstacle(place, all_pieces):
+def _obstacle(m, place, all_pieces, finite):
     """Return the status that says why a piece cannot begin."""
     if place < 0:
         return TOO_MANY_MATRICES
-    return TOO_MANY_PIECES if all_pieces else NOT_FINITE
+    if all_pieces:
+        return TOO_MANY_PIECES
+    if not finite:
+        return NOT_FINITE
+    return FINISHED if m.loss[place] <= modal.TOLERATED else TOO_INEXACT
 
 
 @kept(**OPTIONS)
@@ -314,6 +319,8 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
         TOO_MANY_PIECES: f"more than {len(record.start)} pieces",
         TOO_MANY_MATRICES: f"more than {len(record.matrices.reach)} different matrices",
         NOT_FINITE: "the solution is not finite",
+        TOO_INEXACT: "the modes of this matrix are nearly dependent, so that more than "
+        f"{modal.TOLERATED:g} of the solution would be lost",
         SEARCH_TOO_LONG: f"no next event found in {crossing.MAX_SEARCH} steps of search",
     }[record.status]
     raise IntegrationError(
