@@ -34,7 +34,8 @@ AT_ONCE = 25
     TOO_MANY_MATRICES,
     NOT_FINITE,
     SEARCH_TOO_LONG,
-) = range(7)
+    WRONG_MODE,
+) = range(8)
 
 
 class Record(NamedTuple):
@@ -47,6 +48,8 @@ class Record(NamedTuple):
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     matrices: Matrices
     end: float  #: time reached
+    mode: int  #: mode reached
+    here: Mode  #: as last filled in
 
 
 # --- a run ------------------------------------------------------------------------------------
@@ -156,8 +159,12 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
             u = hold(interval, z, inputs, constants)
             continue
         if new:
+            _clear(here)
             equations(mode, u, constants, here)
             new = False
+            if not _is_allowed(here):
+                status = WRONG_MODE
+                break
         if mode != found:
             place, found = modal.find(here.A, m, known), mode
             known = max(known, place + 1)
@@ -185,7 +192,22 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         if at_once > AT_ONCE or events > limits[0]:
             status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
             break
-    return Record(status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t)
+    pieces_and_events = start[:pieces], label[:pieces], event_time[:events], event[:events]
+    return Record(status, *pieces_and_events, m, t, mode, here)
+
+
+@compiled
+def _clear(here):
+    """Set a mode to ż = 0 without limits, so that `equations` sets only what differs."""
+    here.A[:] = here.b[:] = here.normal[:] = 0.0
+    here.lower[:], here.upper[:] = -np.inf, np.inf
+
+
+@compiled
+def _is_allowed(here):
+    """Whether a mode has finite entries and ordered limits, which may be infinite."""
+    finite = np.isfinite(here.A).all() and np.isfinite(here.b).all()
+    return finite and np.isfinite(here.normal).all() and (here.lower <= here.upper).all()
 
 
 @compiled
@@ -315,10 +337,22 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
         TOO_MANY_MATRICES: f"more than {len(record.matrices.reach)} different matrices",
         NOT_FINITE: "the solution is not finite",
         SEARCH_TOO_LONG: f"no next event found in {crossing.MAX_SEARCH} steps of search",
+        WRONG_MODE: f"mode {mode_name(record.mode)} is not allowed with {_fault(record.here)}",
     }[record.status]
     raise IntegrationError(
         f"exact solution stopped at t = {record.end:.12g}: {reason}"
         + (f" ({last})" if last else "")
+    )
+
+
+def _fault(mode: Mode) -> str:
+    """List the entries of a mode that are not allowed."""
+    wrong = {name: ~np.isfinite(getattr(mode, name)) for name in ("A", "b", "normal")}
+    wrong["lower"] = wrong["upper"] = ~(mode.lower <= mode.upper)
+    return ", ".join(
+        f"{name}{place} = {getattr(mode, name)[tuple(place)]}"
+        for name in wrong
+        for place in np.argwhere(wrong[name]).tolist()
     )
 
 
@@ -329,8 +363,9 @@ class System:
     Parameters
     ----------
     equations : compiled function
-        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`. It must
-        set every entry, since the arrays hold values of an earlier call. A must not depend on `u`.
+        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`. On entry
+        A, b and the normals are zero and the limits infinite, so it sets only what differs. A must
+        not depend on `u`.
     successor : compiled function
         ``successor(mode, guard, side, z, constants)`` returns the mode that follows when a guard
         leaves past its upper limit (`side` 1) or its lower one (-1). It may change the state `z`,
