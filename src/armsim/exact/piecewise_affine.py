@@ -408,7 +408,8 @@ class System:
 
     def _compile(self, *arguments: Any) -> None:
         """Compile for the types of the arguments, unless this has been done."""
-        name = f"{self.equations.__name__} and {self.successor.__name__}"
+        functions = self.equations, self.successor
+        name = " and ".join(getattr(function, "__name__", repr(function)) for function in functions)
         try:
             signature = tuple(map(typeof, arguments))
             if signature not in self._run.overloads:
