@@ -32,11 +32,12 @@ BLOCK = System(equations, successor, guards=1, matrices=2)
 
 def solve(t_end, constants):
     """Put the block on the belt with the spring relaxed."""
-    return BLOCK.solve([0.0, constants[2]], STICKS, (0.0, t_end), constants=constants)
+    start = [0.0, constants[2]]  # at the speed of the belt
+    return BLOCK.solve(start, STICKS, (0.0, t_end), constants=constants)
 
 
 def switching_times(count, constants):
-    """Return the first times in s at which the block starts or stops slipping, in closed form."""
+    """Return the first times in s at which slipping starts or stops."""
     mass, stiffness, belt, holds, drags = constants
     rate, stretch = sqrt(stiffness / mass), (holds - drags) / stiffness
     slip = 2 * (pi - atan(rate * stretch / belt)) / rate

@@ -29,13 +29,14 @@ BALL = System(equations, successor, guards=1, matrices=2)
 
 def solve(height, t_end, gravity, constants):
     """Drop the ball."""
-    return BALL.solve([height, 0.0], FLIES, (0.0, t_end), [(0.0, gravity)], constants)
+    inputs = [(0.0, gravity)]
+    return BALL.solve([height, 0.0], FLIES, (0.0, t_end), inputs, constants)
 
 
 def impacts(height, gravity, constants):
-    """Return the times of all impacts in s, and the speed at which each begins in m/s."""
+    """Return times in s of all impacts, and speeds in m/s before them."""
     restitution, slowest = constants
     fall = np.sqrt(2 * height / gravity)
-    count = int(np.log(slowest / (gravity * fall)) / np.log(restitution)) + 1
+    count = 1 + int(np.log(slowest / (gravity * fall)) / np.log(restitution))
     speeds = gravity * fall * restitution ** np.arange(count)
     return fall + np.cumsum([0.0, *(2 * speeds[1:] / gravity)]), speeds

@@ -30,15 +30,16 @@ CONVERTER = System(equations, successor, guards=1, matrices=1)
 
 def solve(periods, supply, constants):
     """Switch the converter on, without current and voltage."""
-    t_end = periods * constants[3]
-    return CONVERTER.solve([0.0, 0.0, 0.0], ON, (0.0, t_end), [(0.0, supply)], constants)
+    t_span, inputs = (0.0, periods * constants[3]), [(0.0, supply)]
+    return CONVERTER.solve([0.0, 0.0, 0.0], ON, t_span, inputs, constants)
 
 
 def after_periods(count, supply, constants):
-    """Return current and voltage after 0, 1, … `count` periods and in steady state, (2, k)."""
+    """Return i and v after 0 … `count` periods, and in steady state."""
     L, C, R, period, duty = constants
     A = np.array([[0.0, -1.0 / L], [1.0 / C, -1.0 / (R * C)]])
-    on, off, settled = expm(A * duty * period), expm(A * (1 - duty) * period), [supply / R, supply]
+    on, off = expm(A * duty * period), expm(A * (1 - duty) * period)
+    settled = [supply / R, supply]  # with the transistor on for ever
     gain = off @ (settled - on @ settled)  # of a period that begins at zero
     steady = np.linalg.solve(np.eye(2) - off @ on, gain)
     powers = [np.linalg.matrix_power(off @ on, n) for n in range(count + 1)]

@@ -1,4 +1,4 @@
-"""A room with a thermostat: it heats up to one temperature and cools down to another."""
+"""A room with a thermostat, kept between two temperatures."""
 
 from itertools import cycle, islice
 from math import log
@@ -30,14 +30,16 @@ ROOM = System(equations, successor, guards=1, matrices=1)
 
 def solve(start, hours, outside, constants):
     """Heat a room from a temperature `start`."""
-    return ROOM.solve([start], ON, (0.0, hours), inputs=[(0.0, outside)], constants=constants)
+    inputs = [(0.0, outside)]  # from time 0 on
+    return ROOM.solve([start], ON, (0.0, hours), inputs, constants)
 
 
 def switching_times(count, start, outside, constants):
-    """Return the first switching times in h, in closed form."""
+    """Return the first switching times in h."""
     loss, heating, low, high = constants
-    warm = outside + heating / loss  # where the room would settle with the heating on
+    warm = outside + heating / loss  # the final value with the heating on
     first = log((warm - start) / (warm - high)) / loss
     cooling = log((high - outside) / (low - outside)) / loss
     heating_up = log((warm - low) / (warm - high)) / loss
-    return first + np.cumsum([0.0, *islice(cycle((cooling, heating_up)), count - 1)])
+    phases = islice(cycle((cooling, heating_up)), count - 1)
+    return first + np.cumsum([0.0, *phases])
