@@ -12,7 +12,7 @@ NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
 STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
 # What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
-INPUTS := $(shell find src data \( -name __pycache__ -o -name '.*' -o -path data/expected \
+INPUTS := $(shell find src data $(wildcard examples) \( -name __pycache__ -o -name '.*' -o -path data/expected \
             -o -name claims.toml -o -name second_opinions.toml \) -prune -o -type f -print)
 PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
          _config.yml _toc.yml

@@ -66,9 +66,11 @@ def checked_times(t: object, start: float, end: float) -> np.ndarray:
     Raises
     ------
     ValueError
-        If one does not.
+        If one does not, or they form no single row.
     """
     times, (low, high) = np.array(t, dtype=float, ndmin=1), sorted((start, end))
+    if times.ndim > 1:
+        raise ValueError(f"t has the shape {times.shape}; a number or a row of numbers is allowed")
     outside = times[~((times >= low) & (times <= high))]
     if outside.size:
         raise ValueError(f"t = {outside[0]} is outside the run; allowed is {low} to {high}")

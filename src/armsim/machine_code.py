@@ -10,11 +10,13 @@ kept, and each process compiles the function again.
 import builtins
 import dis
 import hashlib
+import logging
 import os
 import pickle
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from operator import attrgetter
 from pathlib import Path
@@ -235,7 +237,7 @@ def generated(source: str, names: dict[str, Any], **options: Any) -> Callable:
     """Compile the one function that a source defines, and keep its code as `kept` does.
 
     Of the same source, only the newest code is kept for compiled functions of the same files and
-    names.
+    names. What is typed at a prompt or in a notebook is in no file.
 
     Parameters
     ----------
@@ -247,8 +249,28 @@ def generated(source: str, names: dict[str, Any], **options: Any) -> Callable:
         Of `numba.njit`.
     """
     codes = [value.py_func.__code__ for value in names.values() if is_jitted(value)]
-    place = _digest([source, *(f"{code.co_filename} {code.co_qualname}" for code in codes)])[:16]
+    # A notebook's cell has the name of a file that no other process has.
+    files = [code.co_filename * Path(code.co_filename).is_file() for code in codes]
+    place = _digest([source, *files, *(code.co_qualname for code in codes)])[:16]
     namespace = names | {"__name__": __name__}
     exec(compile(source, f"<generated {place}>", "exec"), namespace)
     (name,) = set(namespace) - set(names) - {"__name__", "__builtins__"}
     return kept(**options)(namespace[name])
+
+
+# --- while it is compiled ---------------------------------------------------------------------
+
+
+@contextmanager
+def announced(name: str) -> Iterator[None]:
+    """Log a warning if the compilation in the block is not done, or read from disk, in two seconds.
+
+    Without a handler of the application, logging writes warnings to standard error.
+    """
+    text = f"armsim: compiling {name}; this takes some ten seconds"
+    timer = threading.Timer(2.0, logging.getLogger("armsim").warning, (text,))
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,8 +1,6 @@
 """Simulation of one axis or of many, and the resulting trajectory."""
 
 import os
-import sys
-import threading
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -19,6 +17,7 @@ from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
 from armsim.checks import IntegrationError, checked_count, checked_number, checked_times
 from armsim.exact import crossing
 from armsim.exact.piecewise_affine import Event, ExactSolution, require_finished
+from armsim.machine_code import announced
 from armsim.methods.runge_kutta import Form, integrate
 from armsim.methods.tableaux import Tableau
 
@@ -307,13 +306,8 @@ def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
 @cache
 def _get_ready() -> None:
     """Compile the solver or load it from disk; print a notice if this takes long."""
-    text = "armsim: compiling the exact solver, once per installation; half a minute or so"
-    timer = threading.Timer(2.0, print, (text,), {"file": sys.stderr, "flush": True})
-    timer.start()
-    try:
+    with announced("the exact solver for the arm"):
         _exact(AxisParameters.paper_x_axis(), _checked(0.0, None, 1e-9, None))(0.0)
-    finally:
-        timer.cancel()
 
 
 def _runge_kutta(

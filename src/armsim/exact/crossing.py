@@ -151,6 +151,13 @@ def _first_derivative(g, here, z, w):
     return 0.0
 
 
+@inlined
+def _modulus(z):
+    """Modulus of a complex number, by the slower function only if the squares overflow."""
+    size = math.sqrt(z.real**2 + z.imag**2)
+    return size if size < math.inf else math.hypot(z.real, z.imag)
+
+
 @merged
 def _resolve(g, here, m, place, modes, w):
     """Set the coefficients of a guard's closed form in the piece."""
@@ -179,8 +186,7 @@ def _resolve(g, here, m, place, modes, w):
         curvature = w.c[g, k] * m.rate[place, k] + w.d[g, k]
         disc = curvature * m.inverse[place, k] * m.inverse[place, k]
         w.curvature[g, k], w.disc[g, k] = curvature, disc
-        w.size[g, k] = math.sqrt(curvature.real**2 + curvature.imag**2)
-        w.radius[g, k] = math.sqrt(disc.real**2 + disc.imag**2)
+        w.size[g, k], w.radius[g, k] = _modulus(curvature), _modulus(disc)
 
 
 @inlined
@@ -222,7 +228,7 @@ def _gain_modal(g, m, place, s, rest, w):
         sizes += abs(one.real) + abs(one.imag) + abs(two.real) + abs(two.imag)
         slope += (c * power + d * first).real
         curve += (w.curvature[g, k] * power).real
-        left = math.sqrt(power.real**2 + power.imag**2)
+        left = _modulus(power)
         centre = (w.disc[g, k] * power).real
         proof[UP, k], proof[DOWN, k] = _box(rate, centre, w.radius[g, k] * left)
         if rate.real < 0.0 or rate.imag != 0.0:
@@ -264,8 +270,10 @@ def _longest(room, slope, bend):
     if room <= 0.0:
         return 0.0
     root = math.sqrt(slope * slope + 2.0 * bend * room)
+    if root == math.inf:  # the squares overflow
+        root = math.hypot(slope, math.sqrt(2.0 * bend) * math.sqrt(room))
     if slope > 0.0:
-        return 2.0 * room / (slope + root)
+        return room / (0.5 * (slope + root))
     return (root - slope) / bend if bend > 0.0 else math.inf
 
 

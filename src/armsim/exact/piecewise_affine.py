@@ -7,7 +7,7 @@ discretised: only the event times are searched for, by steps that are proven not
 book's page "How the exact solver works" derives the formulas in the order of these functions.
 """
 
-import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,12 +16,15 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import typeof
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
+from numba.extending import is_jitted
 
-from armsim.checks import IntegrationError, checked_times
+from armsim.checks import IntegrationError, checked_count, checked_times
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
-from armsim.machine_code import generated, kept
+from armsim.machine_code import announced, generated, kept
 
 #: Largest number of events at one time; more are taken as endless switching.
 AT_ONCE = 25
@@ -35,7 +38,8 @@ AT_ONCE = 25
     NOT_FINITE,
     SEARCH_TOO_LONG,
     TOO_INEXACT,
-) = range(8)
+    WRONG_MODE,
+) = range(9)
 
 
 class Record(NamedTuple):
@@ -48,6 +52,8 @@ class Record(NamedTuple):
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     matrices: Matrices
     end: float  #: time reached
+    mode: int  #: mode reached
+    here: Mode  #: as last filled in
 
 
 # --- a run ------------------------------------------------------------------------------------
@@ -155,8 +161,12 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
             u = hold(interval, z, inputs, constants)
             continue
         if new:
+            _clear(here)
             equations(mode, u, constants, here)
             new = False
+            if not _is_allowed(here):
+                status = WRONG_MODE
+                break
         if mode != found:
             place, found = modal.find(here.A, m, known), mode
             known = max(known, place + 1)
@@ -186,7 +196,22 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         if at_once > AT_ONCE or events > limits[0]:
             status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
             break
-    return Record(status, start[:pieces], label[:pieces], event_time[:events], event[:events], m, t)
+    pieces_and_events = start[:pieces], label[:pieces], event_time[:events], event[:events]
+    return Record(status, *pieces_and_events, m, t, mode, here)
+
+
+@compiled
+def _clear(here):
+    """Set a mode to ż = 0 without limits, so that `equations` sets only what differs."""
+    here.A[:] = here.b[:] = here.normal[:] = 0.0
+    here.lower[:], here.upper[:] = -np.inf, np.inf
+
+
+@compiled
+def _is_allowed(here):
+    """Whether a mode has finite entries and ordered limits, which may be infinite."""
+    finite = np.isfinite(here.A).all() and np.isfinite(here.b).all()
+    return finite and np.isfinite(here.normal).all() and (here.lower <= here.upper).all()
 
 
 @compiled
@@ -242,7 +267,7 @@ def _itself(value: Any) -> Any:
     return value
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ExactSolution:
     """Exact solution; calling it with times returns the states."""
 
@@ -254,13 +279,18 @@ class ExactSolution:
     inputs: Sequence[tuple[float, Any]] = ()  #: (time, input from then on)
     nfev: int = 0  #: no right-hand side is evaluated
 
+    def __repr__(self) -> str:
+        pieces, columns = self.record.start.shape
+        size = f"{columns // 2} states, {pieces} pieces, {len(self.events)} events"
+        return f"<ExactSolution from t = {self.start:g} to {self.end:g}: {size}>"
+
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
         """State (n,) at a time, or (n, k) at k times; at a jump, the state after the event.
 
         Raises
         ------
         ValueError
-            If a time lies outside the run.
+            If a time lies outside the run, or the times are no single row.
         """
         if isinstance(t, float) and self.start <= t <= self.end:  # fast path for a scalar
             return self.states(self.record, np.array([t]))[:, 0]
@@ -275,7 +305,8 @@ class ExactSolution:
 
     def modes(self, t: np.ndarray) -> list:
         """Modes at the times `t` (k,); at an event, the mode after it."""
-        pieces = np.searchsorted(self.record.start[:, 0], t, side="right") - 1
+        times = checked_times(t, self.start, self.end)
+        pieces = np.searchsorted(self.record.start[:, 0], times, side="right") - 1
         return list(map(self.mode_name, self.record.label[pieces, 0].tolist()))
 
     @cached_property
@@ -322,10 +353,22 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
         TOO_INEXACT: "the modes of this matrix are nearly dependent, so that more than "
         f"{modal.TOLERATED:g} of the solution would be lost",
         SEARCH_TOO_LONG: f"no next event found in {crossing.MAX_SEARCH} steps of search",
+        WRONG_MODE: f"mode {mode_name(record.mode)} is not allowed with {_fault(record.here)}",
     }[record.status]
     raise IntegrationError(
         f"exact solution stopped at t = {record.end:.12g}: {reason}"
         + (f" ({last})" if last else "")
+    )
+
+
+def _fault(mode: Mode) -> str:
+    """List the entries of a mode that are not allowed."""
+    wrong = {name: ~np.isfinite(getattr(mode, name)) for name in ("A", "b", "normal")}
+    wrong["lower"] = wrong["upper"] = ~(mode.lower <= mode.upper)
+    return ", ".join(
+        f"{name}{place} = {getattr(mode, name)[tuple(place)]}"
+        for name in wrong
+        for place in np.argwhere(wrong[name]).tolist()
     )
 
 
@@ -335,10 +378,11 @@ class System:
 
     Parameters
     ----------
-    equations : compiled function
-        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`. It must
-        set every entry, since the arrays hold values of an earlier call. A must not depend on `u`.
-    successor : compiled function
+    equations : function
+        ``equations(mode, u, constants, out)`` fills in the `Mode` `out` for an input `u`. On entry
+        A, b and the normals are zero and the limits infinite, so it sets only what differs. A must
+        not depend on `u`.
+    successor : function
         ``successor(mode, guard, side, z, constants)`` returns the mode that follows when a guard
         leaves past its upper limit (`side` 1) or its lower one (-1). It may change the state `z`,
         as at an impact. It must handle sliding: if the mode that it returns leaves by the same
@@ -347,6 +391,15 @@ class System:
         Number of guards.
     matrices : int
         Largest number of different matrices A in a run.
+
+    Notes
+    -----
+    A and b do not depend on time. What happens at given times needs a clock: a state with ż = 1
+    and a guard on it, which `successor` may set back to zero.
+
+    Numba compiles both functions, if they are not compiled already; functions that they call must
+    be. This takes some ten seconds. The machine code is kept on disk for other processes, unless
+    `constants` contains a named tuple that is defined in the script or notebook itself.
     """
 
     equations: Callable[..., None]
@@ -355,9 +408,26 @@ class System:
     matrices: int
 
     @cached_property
-    def _run(self) -> Callable[..., Record]:
-        system = {"equations": self.equations, "successor": self.successor}
+    def _run(self) -> Any:
+        functions = {"equations": self.equations, "successor": self.successor}
+        system = {name: f if is_jitted(f) else compiled(f) for name, f in functions.items()}
         return generated(_RUN, system | {"solve": solve, "given": given}, **OPTIONS)
+
+    def _compile(self, *arguments: Any) -> None:
+        """Compile for the types of the arguments, unless this has been done."""
+        functions = self.equations, self.successor
+        name = " and ".join(getattr(function, "__name__", repr(function)) for function in functions)
+        try:
+            signature = tuple(map(typeof, arguments))
+            if signature not in self._run.overloads:
+                with announced(f"the exact solver with {name}"):
+                    self._run.compile(signature)
+        except (NumbaError, UnsupportedBytecodeError, ValueError) as error:
+            lines = re.findall(r"^ *(?!Failed in|During)(\S.*)", str(error), re.M)
+            name = [name, *re.findall(r"<function (\S+) at", str(error))][-1]
+            raise TypeError(
+                f"numba cannot compile {name}: {' '.join(lines[:2])}".rstrip(":")
+            ) from None
 
     def solve(
         self,
@@ -381,7 +451,7 @@ class System:
         inputs : sequence of (time, input), optional
             Input from each time on; times increase from ``t_span[0]``. Default 0.
         constants
-            Passed to the compiled functions.
+            Numbers, arrays and tuples of them, passed to `equations` and `successor`.
         max_events : int
             Largest number of events; more are an error.
 
@@ -391,28 +461,44 @@ class System:
 
         Raises
         ------
-        ValueError
-            If an argument is out of range.
+        TypeError, ValueError
+            If an argument is out of range, or a function cannot be compiled.
         IntegrationError
-            If the modes switch endlessly at one time, there are too many events, or the solution
-            is not finite. The message gives the time and the modes.
+            If the modes switch endlessly at one time, there are too many events, the solution is
+            not finite, or `equations` sets an entry that is not allowed. The message gives the
+            time and the modes.
         """
-        start, end = map(float, t_span)
-        z = np.array(z0, dtype=float)
-        if not (math.isfinite(start) and math.isfinite(end) and start < end):
+        z, span = _row("z0", z0), _row("t_span", t_span)
+        if span.size != 2 or not span[0] < span[1]:
             raise ValueError(f"t_span = {t_span!r} is not allowed; it must be finite and rise")
-        if z.ndim != 1 or not np.isfinite(z).all():
-            raise ValueError(f"z0 = {z0!r}: one row of finite numbers is needed")
-        schedule = [(start, 0.0)] if inputs is None else list(inputs)
-        times, values = zip(*schedule, strict=True)
-        starts = np.array(times, dtype=float)
+        (start, end), checked_mode = span.tolist(), checked_count("mode", mode, -(2**63))
+        try:
+            schedule = [(start, 0.0)] if inputs is None else list(inputs)
+            times, values = zip(*schedule, strict=True)
+            given_inputs = np.array(values, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"inputs = {inputs!r}: pairs (time, input) are needed") from None
+        starts = _row("times of inputs", times)
         if starts[0] != start or not (np.diff(starts) > 0).all():
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
-        sizes, limits = (self.guards, self.matrices), (max_events, 10**6, crossing.MAX_SEARCH)
-        given_inputs = np.array(values, float)
-        record = self._run(constants, starts, given_inputs, end, z, mode, sizes, limits)
+        sizes = checked_count("guards", self.guards, 0), checked_count("matrices", self.matrices)
+        limits = checked_count("max_events", max_events, 0), 10**6, crossing.MAX_SEARCH
+        arguments = constants, starts, given_inputs, end, z, checked_mode, sizes, limits
+        self._compile(*arguments)
+        record = self._run(*arguments)
         require_finished(record)
         return ExactSolution(record, end, states, inputs=schedule)
+
+
+def _row(name: str, values: object) -> np.ndarray:
+    """Return a row (n,) of finite numbers, or raise an error that names the argument."""
+    try:
+        row = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        row = np.empty(0)
+    if row.ndim != 1 or row.size == 0 or not np.isfinite(row).all():
+        raise ValueError(f"{name} = {values!r}: one row of finite numbers is needed")
+    return row
 
 
 def states(record: Record, times: np.ndarray) -> np.ndarray:
