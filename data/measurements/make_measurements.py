@@ -65,8 +65,8 @@ def curved_states(p: AxisParameters, t: np.ndarray) -> np.ndarray:
     rtol, scale = 1e-9, np.array([1e-3, 1e-2, 1, 10, 1e3, 1e5, 10])
     now = y[:, 0]
     for first, last, volts in ((r["start"], r["stop"], 10.0), (r["stop"], t[-1], 0.0)):
-        part = integrate(curved_rhs, (first, last), now, tableaux.DP5, args=(volts, *k),
-                         rtol=rtol, atol=rtol * scale)  # fmt: skip
+        part = integrate(curved_rhs, (first, last), now, tableaux.DP5, args=(volts, *k), rtol=rtol,
+                         atol=rtol * scale, max_steps=10_000_000)  # fmt: skip
         inside = (t >= first) & (t <= last)
         y[:, inside], now = part(t[inside]), part.y[:, -1]
     return y

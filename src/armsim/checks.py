@@ -60,17 +60,33 @@ def checked_count(name: str, value: object, least: int = 1) -> int:
     return int(value)
 
 
+def reals(name: str, value: object) -> np.ndarray:
+    """Return real numbers as a new array of floats of the same shape, or raise an error.
+
+    Raises
+    ------
+    ValueError
+        If the value contains text, complex numbers or rows of different lengths.
+    """
+    try:
+        if np.asarray(value).dtype.kind in "iufO":  # O: fractions and other numbers of Python
+            return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        pass
+    raise ValueError(f"{name} = {value!r}: real numbers are needed")
+
+
 def checked_times(t: object, start: float, end: float) -> np.ndarray:
     """Return a time or times as a row (n,), if all lie within a run from `start` to `end`.
 
     Raises
     ------
     ValueError
-        If one does not, or they form no single row.
+        If one does not, or the times are neither a number nor a row.
     """
-    times, (low, high) = np.array(t, dtype=float, ndmin=1), sorted((start, end))
+    times, (low, high) = np.atleast_1d(reals("t", t)), sorted((start, end))
     if times.ndim > 1:
-        raise ValueError(f"t has the shape {times.shape}; a number or a row of numbers is allowed")
+        raise ValueError(f"t has shape {times.shape}; a number or one row of numbers is needed")
     outside = times[~((times >= low) & (times <= high))]
     if outside.size:
         raise ValueError(f"t = {outside[0]} is outside the run; allowed is {low} to {high}")

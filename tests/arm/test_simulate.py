@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from armsim.arm import AxisParameters, simulate
 from armsim.arm.dynamics import constants, rhs
-from armsim.methods import IntegrationError, integrate, tableaux
+from armsim.methods import IntegrationError, integrate, runge_kutta, tableaux
 
 P = AxisParameters.paper_x_axis()
 K = constants(P)
@@ -144,6 +144,28 @@ def test_set_velocity_is_the_new_value_from_a_switch_on():
     assert list(found.set_velocity([0.0, 0.00999, 0.01, 0.02])) == [8.0, 8.0, -8.0, -8.0]
 
 
+@pytest.mark.parametrize(
+    ("method", "step"), [(tableaux.RK6, 1e-4), (tableaux.EULER, 1e-5), (tableaux.DP5, None)]
+)
+def test_a_segment_between_neighbouring_times_is_a_step(method, step):
+    """0.1 + 0.2 is the next number after 0.3."""
+    first, second = 0.3, 0.1 + 0.2
+    assert second == np.nextafter(first, 1)
+    schedule = [(0, 0), (first, 1), (second, 2)]
+    for t_end, last in ((0.31, 2.0), (second, 1.0), (first, 0.0)):
+        found = run(set_velocity=schedule, t_end=t_end, method=method, step_size=step)
+        assert found.t[-1] == t_end
+        assert {t for t in (first, second) if t <= t_end} <= set(found.t)
+        assert (np.diff(found.t) > 0).all()
+        assert found.set_velocity(found.t[-2]) == last
+        assert np.isfinite(found(t_end)).all()
+
+
+def test_a_segment_changes_nothing_when_it_is_short():
+    found = run(set_velocity=[(0, 8), (0.01, -8), (np.nextafter(0.01, 1), 8)], t_end=0.02)
+    assert found.y[:, -1] == pytest.approx(run(set_velocity=8, t_end=0.02).y[:, -1], rel=1e-9)
+
+
 # --- interpolation ------------------------------------------------------------------------------
 
 
@@ -186,6 +208,16 @@ def test_times_outside_the_run_are_refused(t):
         run()([0.01, t])
 
 
+@pytest.mark.parametrize("method", [tableaux.RK6, None], ids=["RK6", "exact"])
+def test_times_have_to_be_a_number_or_a_row(method):
+    found = simulate(P, t_end=0.01, method=method, step_size=method and 1e-5)
+    for call in (found, found.auxiliary, found.regions):
+        with pytest.raises(ValueError, match=r"t has shape \(2, 2\); a number or one row"):
+            call(np.zeros((2, 2)))
+        with pytest.raises(ValueError, match=r"t = .*real numbers are needed"):
+            call(["0.001"])
+
+
 def test_auxiliary_variables_go_with_the_steps():
     found = run(t_end=0.01)
     v = found.auxiliary()
@@ -215,6 +247,35 @@ def test_growth_of_the_preamplifier_is_a_blow_up_before_it_is_infinite():
     """At 400 µs, past 2 T_r, its fast lag is unstable, and the limits hide that from the arm."""
     with pytest.raises(IntegrationError, match=r"Euler, step size 0.0004: .*\|y4\| = .* V at t = "):
         run(t_end=0.02, method=tableaux.EULER, step_size=4e-4)
+
+
+@pytest.mark.parametrize("step", [1e-5, None], ids=["fixed", "adaptive"])
+@pytest.mark.parametrize("size", [1e300, 1e308])
+def test_states_that_overflow_are_an_error_with_the_time(step, size):
+    with pytest.raises(IntegrationError, match=r"DP5, .* at t = \S+"):
+        run(t_end=0.5, y0=[size] * 7, method=tableaux.DP5, step_size=step)
+
+
+def test_a_state_between_steps_that_overflows_is_an_error_with_the_time():
+    """The states are finite at both ends of the step, the slope is not at its end."""
+    start = [0, 0, 0, 0, 1e301, 5e300, 0]
+    found = run(set_velocity=0, t_end=1.0, method=tableaux.EULER, step_size=1.0, y0=start)
+    assert np.isfinite(found.y).all()
+    with pytest.raises(IntegrationError, match=r"not finite at t = 0.5$"):
+        found(0.5)
+
+
+def test_the_memory_is_that_of_the_whole_run(monkeypatch):
+    """Each of ten segments could be stored, but not all."""
+    schedule = [(n / 10, n) for n in range(10)]
+    with pytest.raises(ValueError, match=r"step_size = 1e-08 would take 1e\+08 steps .* to 1.0"):
+        run(set_velocity=schedule, t_end=1.0, step_size=1e-8)
+    adaptive = {"set_velocity": schedule, "t_end": 1.0, "method": tableaux.DP5, "step_size": None}
+    steps = run(**adaptive).t.size
+    monkeypatch.setattr(runge_kutta, "MAX_STORED", 8 * steps // 2)
+    monkeypatch.setattr(runge_kutta, "_CHUNK", 8)
+    with pytest.raises(IntegrationError, match=r"DP5.* (memory|t = )"):
+        run(**adaptive)
 
 
 def test_just_below_the_stability_limit_nothing_is_reported():
@@ -247,7 +308,9 @@ def test_a_wrong_schedule_is_refused(schedule, message):
         run(set_velocity=schedule)
 
 
-@pytest.mark.parametrize("volts", [True, "10", [(0, "1")], [(False, 1.0)]])
+@pytest.mark.parametrize(
+    "volts", [True, "10", [(0, "1")], [(False, 1.0)], np.array(3.0), object(), 1j]
+)
 def test_volts_and_times_have_to_be_numbers(volts):
     with pytest.raises(TypeError, match=r"set_velocity.* a real number is needed"):
         run(set_velocity=volts)
@@ -257,6 +320,13 @@ def test_volts_and_times_have_to_be_numbers(volts):
 def test_a_wrong_end_is_refused(t_end):
     with pytest.raises(ValueError, match=f"t_end = {t_end} is not allowed"):
         run(t_end=t_end)
+
+
+@pytest.mark.parametrize("y0", ["rest", ["0"] * 7, np.zeros(7, complex), [[0], [0, 0]]])
+@pytest.mark.parametrize("method", [tableaux.RK6, None])
+def test_a_state_has_to_be_of_real_numbers(y0, method):
+    with pytest.raises(ValueError, match=r"y0 = .*: real numbers are needed"):
+        simulate(P, y0=y0, method=method, step_size=method and 1e-5)
 
 
 @pytest.mark.parametrize("y0", [np.zeros(6), np.zeros((7, 1)), 0.0])

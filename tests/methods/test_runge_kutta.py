@@ -1,4 +1,4 @@
-"""`integrate` at a fixed step: order, agreement with a plain Runge-Kutta step, input and errors."""
+"""`integrate`: order, agreement with a plain Runge-Kutta step, limits, input and errors."""
 
 from fractions import Fraction
 
@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from scipy.integrate import solve_ivp
 
-from armsim.methods import IntegrationError, integrate, tableaux
+from armsim.methods import IntegrationError, integrate, runge_kutta, tableaux
 from armsim.methods.tableaux import Tableau
 
 ORDERS = {
@@ -182,6 +182,115 @@ def test_a_span_of_no_length_is_the_initial_state():
         assert found.nfev == 0
 
 
+@pytest.mark.parametrize("step", [1.0000001, 3.0, 1e10, 1e300])
+@pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, 0.0)])
+def test_a_step_longer_than_the_span_is_shortened_to_it(step, span):
+    found = integrate(oscillator, span, [1.0, 0.0], tableaux.RK6, step)
+    assert tuple(found.t) == span
+    assert found.y[:, 1] == pytest.approx([np.cos(1), -np.sin(span[1] - span[0])], abs=1e-3)
+
+
+@pytest.mark.parametrize("step", [1e-5, None], ids=["fixed", "adaptive"])
+@pytest.mark.parametrize("start", [0.3, -1e9, 5e-324])
+def test_a_span_between_neighbouring_times_is_one_step(start, step):
+    end = np.nextafter(start, np.inf)
+    for span in ((start, end), (end, start)):
+        found = integrate(oscillator, span, [1.0, 0.0], tableaux.DP5, step)
+        assert tuple(found.t) == span
+        assert np.isfinite(found.y).all()
+
+
+# --- times that are large beside their span ------------------------------------------------------
+
+
+@njit
+def shrinking(t, y):
+    return (-y[0],)
+
+
+@pytest.mark.parametrize("start", [0.0, 2e3, 1e6, 1e9, -1e9, 1e12])
+@pytest.mark.parametrize("fun", [shrinking, shrinking.py_func], ids=["compiled", "plain"])
+def test_a_late_start_costs_no_digits(start, fun):
+    """Each step has the length that the rounded times say; SciPy is off by 6e-15 to 8e-14."""
+    for span in ((start, start + 1), (start + 1, start)):
+        for how in ({"step_size": 0.01}, {"rtol": 1e-12, "atol": 1e-14}):
+            found = integrate(fun, span, [1.0], tableaux.DP5, **how)
+            assert tuple(found.t[[0, -1]]) == span
+            assert (np.diff(found.t) * (span[1] - span[0]) > 0).all()
+            # 3e-13: the method itself, as at t = 0
+            assert found.y[0] == pytest.approx(np.exp(span[0] - found.t), rel=3e-13)
+
+
+def test_an_adaptive_run_starts_late_from_zero():
+    """Without a scale for the first step, the spacing of the times is one."""
+    found = integrate(lambda t, y: 1 - y, (1e12, 1e12 + 1), [0.0], tableaux.DP5)
+    assert found.y[0, -1] == pytest.approx(1 - np.exp(-1), abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [1.0, 1.3, 2.5, 1e3])
+def test_steps_near_the_spacing_of_the_times_are_distinct(size):
+    spacing = np.spacing(1e9)
+    for steps in (7, 7.001, 7.9):
+        end = 1e9 + steps * size * spacing
+        found = integrate(shrinking, (1e9, end), [1.0], tableaux.EULER, size * spacing)
+        assert found.t[-1] == end
+        assert (np.diff(found.t) >= spacing).all()
+
+
+@pytest.mark.parametrize("step", [1e-8, 1e-30, 5e-324])
+def test_a_step_below_the_spacing_of_the_times_is_an_error_with_both(step):
+    with pytest.raises(ValueError, match=rf"step_size = {step} is below the spacing .*1.19e-07"):
+        integrate(shrinking, (1e9, 1e9 + 1), [1.0], tableaux.RK6, step)
+
+
+# --- limits of an adaptive run -------------------------------------------------------------------
+
+
+@njit
+def sliding(t, y):
+    return (-np.sign(y[0]),)
+
+
+def test_an_adaptive_run_that_would_not_end_says_where_it_stopped():
+    with pytest.raises(IntegrationError, match=r"DP5.*stopped at t = 1.0.* after 100000 steps"):
+        integrate(sliding, (0, 2), [1.0], tableaux.DP5)
+
+
+def test_the_number_of_steps_can_be_limited():
+    problem = (shrinking, (0, 800), [1.0], tableaux.DP5)
+    free = integrate(*problem)
+    steps = free.t.size - 1
+    assert steps > 256  # more than one call of the loop
+    assert np.array_equal(integrate(*problem, max_steps=steps).y, free.y)
+    with pytest.raises(IntegrationError) as error:
+        integrate(*problem, max_steps=steps - 1)
+    assert f"after {steps - 1} steps, max_steps = {steps - 1}" in str(error.value)
+    time = float(str(error.value).split("t = ")[1].split(" ")[0])
+    assert time == pytest.approx(free.t[-2])
+
+
+@pytest.mark.parametrize("wrong", [0, -3, 2.5, "10", True])
+def test_a_wrong_limit_of_steps_is_refused(wrong):
+    with pytest.raises((ValueError, TypeError), match="max_steps = "):
+        integrate(shrinking, (0, 2), [1.0], tableaux.DP5, max_steps=wrong)
+
+
+def test_an_adaptive_run_keeps_to_the_memory(monkeypatch):
+    """A step of DP5 stores a time, a state and seven slopes."""
+    monkeypatch.setattr(runge_kutta, "MAX_STORED", 30 * (1 + 2 + 14) + 5)
+    with pytest.raises(IntegrationError, match=r"after 30 steps, the limit of memory"):
+        integrate(hunt, (0, 20), HUNT, tableaux.DP5)
+
+
+def test_a_component_that_is_zero_needs_an_absolute_tolerance():
+    with pytest.raises(ValueError, match=r"atol = 0: .*not 0 where y0 is 0"):
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.DP5, atol=0)
+    with pytest.raises(ValueError, match=r"atol = \[1e-09, 0\]"):
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.DP5, atol=[1e-9, 0])
+    found = integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.DP5, atol=[0, 1e-9])
+    assert found.y[0, -1] == pytest.approx(np.cos(1), abs=1e-5)
+
+
 # --- right-hand sides of every kind -------------------------------------------------------------
 
 
@@ -271,13 +380,30 @@ def test_a_step_too_small_for_the_memory_says_how_many_fit():
         integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.RK6, 1e-12)
 
 
-@pytest.mark.parametrize("span", [(0, np.inf), (np.nan, 1), (0,), (0, 1, 2), 1.0, ("a", 1), None])
+@pytest.mark.parametrize(
+    "span",
+    [(0, np.inf), (np.nan, 1), (0,), (0, 1, 2), 1.0, ("a", 1), ("0", "1"), None, (-1e308, 1e308)],
+)
 def test_a_wrong_span_is_refused(span):
     with pytest.raises(ValueError, match="t_span = "):
         integrate(oscillator, span, [1.0, 0.0], tableaux.RK6, 0.1)
 
 
-@pytest.mark.parametrize("y0", [1.0, [], [[1.0, 0.0]], [1.0, np.nan], [np.inf, 0.0], [1j, 0.0]])
+@pytest.mark.parametrize(
+    "y0",
+    [
+        1.0,
+        [],
+        [[1.0, 0.0]],
+        [1.0, np.nan],
+        [np.inf, 0.0],
+        [1j, 0.0],
+        "ab",
+        ["1", "0"],
+        None,
+        [[1], []],
+    ],
+)
 def test_a_wrong_initial_state_is_refused(y0):
     with pytest.raises(ValueError, match="y0 "):
         integrate(oscillator, (0, 1), y0, tableaux.RK6, 0.1)
@@ -292,6 +418,31 @@ def test_an_unknown_form_is_answered_with_the_known_ones():
 def test_the_exponential_form_needs_positive_components(y0):
     with pytest.raises(ValueError, match=r"y0\[1\].*exponential form needs"):
         integrate(oscillator, (0, 1), y0, tableaux.RK6, 0.1, "exponential")
+
+
+@pytest.mark.parametrize("args", [-1, 4.0, None, [4.0], np.array([4.0])])
+def test_arguments_that_are_no_tuple_are_refused(args):
+    with pytest.raises(TypeError, match=r"args = .*: a tuple is needed, such as \("):
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.RK6, 0.1, args=args)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [(name, value) for name in ("atol", "shift")
+     for value in ([1.0, 2.0, 3.0], [], [[1.0, 2.0]], "1e-9", ["1", "2"], np.nan, 1j)]
+    + [("atol", -1e-9), ("atol", [1e-9, -1e-9]), ("atol", None)],
+)  # fmt: skip
+def test_wrong_numbers_for_components_are_refused(name, value):
+    how = {"atol": {}, "shift": {"form": "exponential"}}[name]
+    with pytest.raises(ValueError, match=f"{name} = "):
+        integrate(oscillator, (0, 1), [1.0, 1.0], tableaux.DP5, **how, **{name: value})
+
+
+def test_numbers_for_components_may_be_fractions():
+    for atol in (Fraction(1, 10**9), [Fraction(1, 10**9), 1e-9]):
+        found = integrate(oscillator, (0, 1), [Fraction(1), 0], tableaux.DP5, atol=atol)
+        same = integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.DP5, atol=1e-9)
+        assert np.array_equal(found.y, same.y)
 
 
 @njit
@@ -349,9 +500,85 @@ def test_a_blow_up_gives_no_warning_beside_its_error(recwarn):
     assert not recwarn
 
 
+def test_a_blow_up_of_an_adaptive_run_counts_all_its_steps():
+    """ẏ = y overflows after ln(1.8e308) = 709.78."""
+    with pytest.raises(IntegrationError) as error:
+        integrate(lambda t, y: y, (0, 800), [1.0], tableaux.DP5)
+    _, where = str(error.value).split("t = ")
+    time, step = where.split(", step ")
+    assert 709 < float(time) < 710
+    assert int(step) > 256
+
+
+@pytest.mark.parametrize("step", [0.125, None], ids=["fixed", "adaptive"])
+@pytest.mark.parametrize("since", [0.0, 1.0])
+def test_a_right_hand_side_that_is_not_finite_gives_the_time(step, since):
+    for value in (np.nan, np.inf):
+
+        def fun(t, y, value=value):
+            return [value if t >= since else 1.0]
+
+        with pytest.raises(IntegrationError) as error:
+            integrate(fun, (0, 2), [1.0], tableaux.DP5, step)
+        time = float(str(error.value).split("t = ")[1].split(",")[0])
+        assert since - 1e-9 <= time <= since + (step or 0)
+
+
+def test_a_trial_step_out_of_the_domain_makes_the_first_step_smaller():
+    """The right-hand side overflows where the first step is tried, and later it does not."""
+    calls = []
+
+    def fun(t, y):
+        calls.append(t)
+        return [np.inf if len(calls) == 2 else 1.0]
+
+    assert integrate(fun, (0, 2), [1.0], tableaux.DP5).y[0, -1] == pytest.approx(3)
+
+
 def test_a_solution_that_reaches_zero_in_the_exponential_form_is_an_error():
     with pytest.raises(IntegrationError, match=r"Euler, exponential .*component 0 .*t = 1, step 1"):
         integrate(lambda t, y: -1e6 * y, (0, 1), [1.0], tableaux.EULER, 1.0, "exponential")
+
+
+# --- between the steps --------------------------------------------------------------------------
+
+
+def test_only_adaptive_runs_have_states_between_their_steps():
+    pair = Tableau("pair", [[0, 0], [1, 0]], ["1/2", "1/2"], b_embedded=[1, 0])  # no interpolant
+    for found in (
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.DP5, 0.1),
+        integrate(oscillator, (0, 1), [1.0, 0.0], pair),
+    ):
+        with pytest.raises(ValueError, match=r"t = 0.5: only adaptive runs with an interpolant"):
+            found(0.5)
+
+
+def test_a_run_of_no_length_has_its_state():
+    found = integrate(oscillator, (1.0, 1.0), [1.0, 2.0], tableaux.DP5)
+    assert found(1.0).tolist() == [1.0, 2.0]
+    assert found([1.0, 1.0]).tolist() == [[1.0, 1.0], [2.0, 2.0]]
+
+
+@pytest.mark.parametrize(
+    ("t", "message"),
+    [
+        (np.zeros((2, 2)), r"t has shape \(2, 2\); a number or one row"),
+        ("0.5", "t = '0.5': real numbers are needed"),
+        ([0.1, 1j], "real numbers are needed"),
+        ([0.5, 1.5], "t = 1.5 is outside the run; allowed is 0.0 to 1.0"),
+    ],
+)
+def test_wrong_times_are_refused(t, message):
+    with pytest.raises(ValueError, match=message):
+        integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.DP5)(t)
+
+
+def test_a_state_between_steps_that_is_not_finite_gives_the_time():
+    """The coefficients of the interpolant overflow, the steps do not."""
+    found = integrate(lambda t, y: [-8e307], (0, 1), [1.7e308], tableaux.DP5)
+    assert found.y[0, -1] == pytest.approx(0.9e308)
+    with pytest.raises(IntegrationError, match=r"not finite at t = 0.5$"):
+        found(0.5)
 
 
 def test_a_tableau_by_name_is_an_error():

@@ -1,7 +1,9 @@
 """The tableaux against second, independent sources."""
 
+from decimal import Decimal
 from fractions import Fraction
 
+import mpmath
 import numpy as np
 import pytest
 import sympy
@@ -168,11 +170,54 @@ def test_unknown_printed_tableau_is_an_error():
         ([[0, 0], ["x", 0]], [0, 1], "is not a real number"),
         ([[0, 0], ["1/", 0]], [0, 1], "is not a number"),
         ([[0, 0], [True, 0]], [0, 1], "is not exact"),
+        ([[0, 0], [np.True_, 0]], [0, 1], "is not exact"),
+        ([[0, 0], [None, 0]], [0, 1], "is not exact"),
+        ([[0, 0], [sympy.Float("0.5"), 0]], [0, 1], "is not exact"),
+        ([[0, 0], [0.5 * sympy.sqrt(2), 0]], [0, 1], "is not exact"),
+        ([[0, 0], [Decimal("0.5"), 0]], [0, 1], "is not exact"),
+        ([[0, 0], [mpmath.mpf("0.5"), 0]], [0, 1], "is not exact"),
+        ([[0, 0], [sympy.Symbol("x"), 0]], [0, 1], "is not a real number"),
+        ([[0, 0], ["1/0", 0]], [0, 1], "is not a real number"),
     ],
 )
 def test_bad_tableau_is_an_error(A, b, message):
     with pytest.raises(ValueError, match=message):
         Tableau("bad", A, b)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("-3", -3),
+        ("+1/2", Fraction(1, 2)),
+        (" - 7 / -14 ", Fraction(1, 2)),
+        ("0.125", Fraction(1, 8)),
+        (".5", Fraction(1, 2)),
+        ("1e-3", Fraction(1, 1000)),
+        ("0.1000000000000000000001", Fraction(10**21 + 1, 10**22)),  # more digits than a float has
+        ("2*(1-1/4)", Fraction(3, 2)),
+        ("(2-sqrt(2))/2", 1 - sympy.sqrt(2) / 2),
+        ("sqrt(1/2+1.5)", sympy.sqrt(2)),
+        ("sqrt(2)*sqrt(2)", 2),
+    ],
+)
+def test_texts_are_exact(text, value):
+    assert sympy.expand(Tableau("one", [[0]], [text]).b[0] - sympy.sympify(value)) == 0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "__import__('os').abort()", "exit()", "[].append(1)", "sqrt.__class__", "sqrt",
+        "sqrt(2, evaluate=False)", "sqrt(2, 3)", "sin(1)", "pi", "E", "Rational(1, 2)", "lambda: 1",
+        "2**3", "9**9**9**9", "7 // 2", "7 % 2", "~1", "not 1", "1 if 1 else 2", "1 < 2", "(1, 2)",
+        "[1]", "'1'", "1j", "True", "...", "0x10", "1_000", "1e999999999", "1;2", "1 2", "",
+        "(" * 500 + "1" + ")" * 500, "-" * 50_000 + "1", "9" * 10_000, "1\0",
+    ],
+)  # fmt: skip
+def test_a_text_that_is_more_than_a_number_is_refused_and_not_run(text):
+    with pytest.raises(ValueError, match=r"b\[0\] = .* is not a (real )?number"):
+        Tableau("bad", [[0]], [text])
 
 
 def test_embedded_weights_are_checked_too():
@@ -194,3 +239,9 @@ def test_exponentials_of_a_step(tableau, of_sums, one_by_one):
     """Counted in the formulas: one for each stage but the first, and one for the step."""
     assert tableau.exponentials() == of_sums
     assert tableau.exponentials(product=True) == one_by_one
+
+
+@pytest.mark.parametrize(("A", "b"), [([[0]], [[1]]), ([[[0]]], [1])])
+def test_numbers_nested_too_deep_are_refused(A, b):
+    with pytest.raises(ValueError, match=r"= \[.\] is not exact"):
+        Tableau("bad", A, b)

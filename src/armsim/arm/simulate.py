@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
-from numbers import Real
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +14,12 @@ from armsim.arm import dynamics, modes
 from armsim.arm.dynamics import Region, constants, rhs
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
-from armsim.checks import IntegrationError, checked_count, checked_number, checked_times
+from armsim.checks import IntegrationError, checked_count, checked_number, checked_times, reals
 from armsim.exact import crossing
 from armsim.exact.piecewise_affine import Event, ExactSolution, require_finished
 from armsim.machine_code import announced
-from armsim.methods.runge_kutta import Form, integrate
+from armsim.methods import runge_kutta
+from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
 
 #: A constant voltage, or pairs (time in s, volts from that time on).
@@ -27,6 +28,8 @@ Schedule = tuple[tuple[float, float], ...]
 
 #: Largest numbers of events and of pieces in an exact run; more are an error.
 MAX_EVENTS, MAX_PIECES = 100_000, 1_000_000
+#: Largest number of adaptive steps of a Runge-Kutta method between two switches.
+MAX_STEPS = 1_000_000
 #: Number of runs handed to a thread at a time.
 _CHUNK = 64
 #: Names of modes and guards, for events and error messages.
@@ -74,10 +77,11 @@ class Trajectory:
 
     def regions(self, t: np.ndarray) -> list[Region]:
         """Regions at the times `t` (n,); at an event of an exact run, the region after it."""
+        times = checked_times(t, 0.0, self.t_end)
         if isinstance(self.solution, ExactSolution):
-            return self.solution.modes(t)
+            return self.solution.modes(times)
         k = constants(self.parameters)
-        return [dynamics.region(y, k) for y in self(np.asarray(t)).T]
+        return [dynamics.region(y, k) for y in self(times).T]
 
     def set_velocity(self, t: np.ndarray | float) -> np.ndarray:
         """Set velocity U in volts at the times `t`; at a switch, the new value."""
@@ -96,7 +100,7 @@ class Trajectory:
         ValueError
             If a time lies outside the run.
         """
-        times = self.t if t is None else np.asarray(t, dtype=float)
+        times = self.t if t is None else reals("t", t)
         y = self.y if t is None else self(times)
         exact = isinstance(self.solution, ExactSolution)
         regions = self.regions(times) if exact else ()
@@ -137,12 +141,8 @@ class Steps:
             np.array([rhs(0.0, y, u, k) for y, u in zip(states.T, volts, strict=True)]).T
             for states in (before, after)
         )
-        y = (
-            before * (1 + 2 * s) * (1 - s) ** 2
-            + after * s**2 * (3 - 2 * s)
-            + h * s * (1 - s) * (slope * (1 - s) - slope_after * s)
-        )
-        return y[:, 0] if np.ndim(t) == 0 else y
+        y = runge_kutta.hermite(s, h, before, after, slope, slope_after)
+        return runge_kutta.finite_states(t, times, y)
 
 
 def simulate(
@@ -191,8 +191,9 @@ def simulate(
     TypeError, ValueError
         If an argument is out of range; the message gives its name, value and allowed range.
     IntegrationError
-        If too large a step makes the solution blow up, or an exact run has more than `MAX_EVENTS`
-        events; the message gives the time.
+        If too large a step makes the solution blow up, an exact run has more than `MAX_EVENTS`
+        events, or adaptive steps are more than `MAX_STEPS` or than can be stored; the message
+        gives the time.
 
     Examples
     --------
@@ -252,7 +253,7 @@ def simulate_many(
         If a run fails; the message gives its index in `parameters`.
     """
     task, axes = _checked(set_velocity, control, t_end, y0), list(parameters)
-    at = np.array([t_end] if times is None else times, dtype=float)
+    at = reals("times", [t_end] if times is None else times)
     if at.ndim != 1 or not ((at >= 0) & (at <= t_end)).all():
         raise ValueError(f"times = {times!r}: a row of numbers from 0 to t_end = {t_end} is needed")
     if threads is not None:
@@ -315,16 +316,22 @@ def _runge_kutta(
 ) -> Steps:
     starts, inputs, t_end, y0 = task
     k, t, y, nfev = constants(p), [np.zeros(1)], [y0[:, None]], 0
-    ends = np.minimum([*starts[1:], t_end], t_end)
-    for n in range(np.searchsorted(starts, t_end)):
+    spans, stored = list(pairwise([*starts[starts < t_end].tolist(), t_end])), 0
+    if step_size is not None:
+        step_size = checked_number("step_size", step_size, above=0.0)
+        runge_kutta.step_count(0.0, t_end, step_size, runge_kutta.MAX_STORED // 8)
+    for n, span in enumerate(spans):
         now = y[-1][:, -1]
         if inputs.track.size:
             put_out(n, now[2], p.r_g, inputs.track, inputs.law, inputs.memory, inputs.volts)
-        span, args = (float(starts[n]), float(ends[n])), (float(inputs.volts[n]), k)
-        run = integrate(rhs, span, now, method, step_size, form, args)
+        args = float(inputs.volts[n]), k
+        how = method, step_size, form, args
+        run = runge_kutta.integrate(rhs, span, now, *how, max_steps=MAX_STEPS)
         t.append(run.t[1:])
         y.append(run.y[:, 1:])
-        nfev += run.nfev
+        nfev, stored = nfev + run.nfev, stored + 8 * run.t.size
+        if stored > runge_kutta.MAX_STORED:
+            raise IntegrationError(f"{method.name}: at t = {span[1]:.12g} s the memory is full")
     steps = Steps(p, task.schedule, t_end, np.concatenate(t), np.concatenate(y, axis=1), nfev)
     size = "adaptive steps" if step_size is None else f"step size {step_size:g}"
     _raise_if_beyond_bound(steps, f"{method.name}, {size}")
@@ -366,7 +373,7 @@ def _checked(
     y0: Sequence[float] | np.ndarray | None,
 ) -> _Task:
     t_end = checked_number("t_end", t_end, above=0.0)
-    state = np.zeros(7) if y0 is None else np.array(y0, dtype=float)
+    state = np.zeros(7) if y0 is None else reals("y0", y0)
     if state.shape != (7,):
         raise ValueError(f"y0 has shape {state.shape}; the 7 states y0 … y6 are needed")
     if not np.isfinite(state).all():
@@ -386,7 +393,9 @@ def _checked(
 
 
 def _checked_schedule(set_velocity: SetVelocity) -> list[tuple[float, float]]:
-    if isinstance(set_velocity, (float, Real, str)):  # a union would be built at every call
+    rows = getattr(set_velocity, "ndim", hasattr(set_velocity, "__iter__"))
+    # Not a union of types, which would be built at every call.
+    if isinstance(set_velocity, (float, str)) or not rows:
         return [(0.0, checked_number("set_velocity", set_velocity))]
     schedule: list[tuple[float, float]] = []
     for n, entry in enumerate(set_velocity):

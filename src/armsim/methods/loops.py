@@ -39,39 +39,48 @@ FORMS = {
     "as printed": Rule("exp({a}*k{i}{p})", "*", "{y}*{z}", "{x} - {x}/({z})", "+{f}"),
 }
 
-# All steps but the last have the same h, so its products are computed once, before the loop.
+# All steps but the last have the same h, so its products are computed once, before the inner loop.
+# If the rounding of the times counts, each step has the length between its rounded ends instead.
 _FIXED = """\
-def loop(times, step, y, shift, out, args):
+def loop(times, step, rounded, y, shift, out, args):
     <start>
     last = times.size - 1
-    for first, end, h in ((1, last, step), (last, last + 1, times[last] - times[last - 1])):
-        for n in range(max(first, 1), end):
+    first = 1
+    while first <= last:
+        single = rounded or first == last
+        h = float(times[first] - times[first - 1]) if single else step
+        end = first + 1 if single else last
+        for n in range(first, end):
             t = times[n - 1]
             <stages>
             <move>
             <accept>
             <store>
+        first = end
 """
 
 # Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I, section II.4; `error` is
-# the mean square, so `power` is half of theirs. A NaN compares false, so the step is rejected.
+# the mean square, so `power` is half of theirs. A NaN compares false, so the step is rejected. A
+# step that reaches the end may be shorter than the spacing of the times.
 _ADAPTIVE = """\
-def loop(t, end, h, y, shift, rtol, atol, power, times, out, slopes, args):
+def loop(t, end, h, rounded, y, shift, rtol, atol, power, times, out, slopes, args):
     <start>
     <tolerances>
     <first>
     n = 0
     rejected = 0
     grow = 5.0
-    while n < times.size and t != end and abs(h) > 1e-15*abs(t):
+    while n < times.size and t != end and (abs(h) > 1e-15*abs(t) or abs(end - t) <= abs(h)):
         last = abs(end - t) <= abs(h)
         h = end - t if last else h
+        new = end if last else t + h
+        h = new - t if rounded else h
         <stages>
         <move>
         <errors>
         factor = 0.9*error**power if error < 1e6 else 0.2
         if error <= 1.0:
-            t = end if last else t + h
+            t = new
             times[n] = t
             <store>
             <slopes>

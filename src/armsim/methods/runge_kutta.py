@@ -10,7 +10,7 @@ import numpy as np
 from numba.core.errors import TypingError
 from numba.extending import is_jitted
 
-from armsim.checks import IntegrationError, checked_number, checked_times
+from armsim.checks import IntegrationError, checked_count, checked_number, checked_times, reals
 from armsim.methods import trees
 from armsim.methods.loops import FORMS, compiled_loop, python_loop
 from armsim.methods.tableaux import Tableau
@@ -43,12 +43,13 @@ class Solution:
         ------
         ValueError
             If a time lies outside the run, or the run has no continuous extension.
+        IntegrationError
+            If the extension is not finite at a time.
         """
         if self._interpolate is None:
-            raise ValueError("this solution has fixed steps and no continuous extension")
+            raise ValueError(f"t = {t!r}: only adaptive runs with an interpolant have such a state")
         times = checked_times(t, float(self.t[0]), float(self.t[-1]))
-        y = self._interpolate(times)
-        return y[:, 0] if np.ndim(t) == 0 else y
+        return finite_states(t, times, self._interpolate(times))
 
 
 def integrate(
@@ -63,6 +64,7 @@ def integrate(
     shift: float | Sequence[float] | np.ndarray | None = None,
     rtol: float = 1e-6,
     atol: float | Sequence[float] | np.ndarray = 1e-9,
+    max_steps: int = 100_000,
 ) -> Solution:
     r"""Integrate ẏ = f(t, y) with a fixed step, or with steps chosen by an embedded pair.
 
@@ -73,7 +75,8 @@ def integrate(
         function compiled by numba runs inside a compiled loop; it is fastest if it accesses the
         components of `y` by index and returns a tuple.
     t_span : (float, float)
-        First and last time. The last step is shortened to end there.
+        First and last time. The last step is shortened to end there. So far from zero that the
+        rounding of times counts, the length of each step is the difference of its rounded ends.
     y0 : (m,) array_like
         State at ``t_span[0]``.
     tableau : Tableau
@@ -94,6 +97,8 @@ def integrate(
     rtol, atol : float
         Tolerances of the error control. A step is accepted if the root mean square over the
         components of ``error / (atol + rtol |y|)`` is at most 1. `atol` may be an (m,) array.
+    max_steps : int
+        Largest number of accepted steps under error control. Each is stored with its stages.
 
     Returns
     -------
@@ -105,8 +110,9 @@ def integrate(
     ValueError, TypeError
         If an argument is out of range; the message gives its name, value and allowed range.
     IntegrationError
-        If the solution blows up, reaches zero in the exponential form, or needs a step too small
-        to change the time; the message gives the method, the step and the time.
+        If the solution blows up, reaches zero in the exponential form, needs a step too small to
+        change the time, or more steps than `max_steps` or than can be stored; the message gives
+        the method, the step and the time.
 
     Examples
     --------
@@ -118,13 +124,24 @@ def integrate(
     if not isinstance(tableau, Tableau):
         raise TypeError(f"tableau = {tableau!r}: a Tableau is needed, such as tableaux.RK6")
     start, end, y0 = _checked_problem(t_span, y0)
-    problem = _Problem(fun, start, end, y0, tableau, form, _checked_shift(shift, y0, form), args)
+    if not isinstance(args, tuple):
+        raise TypeError(f"args = {args!r}: a tuple is needed, such as ({args!r},)")
+    s = checked_shift(shift, y0, form)
     if step_size is None:
-        return _adaptive(problem, *_checked_tolerances(problem, rtol, atol))
-    return _fixed(problem, checked_number("step_size", step_size, above=0.0))
+        tolerances = _checked_tolerances(tableau, y0, rtol, atol)
+        checked_count("max_steps", max_steps)
+        setting = f"rtol {tolerances[0]:g}"
+    else:
+        step_size = checked_number("step_size", step_size, above=0.0)
+        setting = f"step size {step_size:g}"
+    problem = Problem(fun, start, end, y0, tableau, form, s, args, setting)
+    with np.errstate(all="ignore"):  # a blow-up is reported as an error
+        if step_size is None:
+            return _adaptive(problem, tolerances, max_steps)
+        return _fixed(problem, step_size)
 
 
-class _Problem(NamedTuple):
+class Problem(NamedTuple):
     """Checked arguments of `integrate`."""
 
     fun: RightHandSide
@@ -135,20 +152,42 @@ class _Problem(NamedTuple):
     form: str
     shift: np.ndarray
     args: tuple
+    setting: str  #: step size or tolerance, for messages
 
-    def told(self, setting: str) -> str:
-        return f"{self.tableau.name}, {self.form} form, {setting}"
+    def error(self, text: str) -> IntegrationError:
+        """Error that says which method failed, and how."""
+        return IntegrationError(f"{self.tableau.name}, {self.form} form, {self.setting}: {text}")
 
 
-def _fixed(problem: _Problem, step_size: float) -> Solution:
+def step_count(start: float, end: float, step_size: float, most: float = math.inf) -> int:
+    """Number of fixed steps between two times, the last one shortened.
+
+    Raises
+    ------
+    ValueError
+        If there are more than `most`, or the step is smaller than the distance between floats.
+    """
+    span, spacing = abs(end - start), math.ulp(max(abs(start), abs(end)))
+    if span <= step_size:
+        return int(span > 0)
+    if step_size < spacing:
+        raise ValueError(f"step_size = {step_size!r} is below the spacing of times, {spacing:.3g}")
+    # A remainder below rounding does not count as a step.
+    steps = math.ceil(span / step_size - max(1e-9, spacing / step_size))
+    if steps > most:
+        told = f"step_size = {step_size!r} would take {steps:.3g} steps"
+        raise ValueError(f"{told} from t = {start} to {end}; at most {most:.3g} can be stored")
+    return steps
+
+
+def _rounded(start: float, end: float) -> bool:
+    """Whether the times are so large that their rounding counts beside their span."""
+    return math.ulp(max(abs(start), abs(end))) > 2**-43 * abs(end - start)
+
+
+def _fixed(problem: Problem, step_size: float) -> Solution:
     _, start, end, y0, tableau, *_ = problem
-    steps = abs(end - start) / step_size - 1e-9
-    if (steps + 1) * (y0.size + 1) > MAX_STORED:
-        raise ValueError(
-            f"step_size = {step_size!r} would take {steps:.3g} steps from t = {start} to {end}; "
-            f"at most {MAX_STORED // (y0.size + 1) - 1:.3g} can be stored"
-        )
-    steps = max(math.ceil(steps), 0)
+    steps = step_count(start, end, step_size, MAX_STORED // (y0.size + 1) - 1)
     t = np.arange(steps + 1.0)
     step = math.copysign(step_size, end - start)
     t *= step
@@ -156,26 +195,29 @@ def _fixed(problem: _Problem, step_size: float) -> Solution:
     t[-1] = end
     y = np.empty((y0.size, steps + 1))
     y[:, 0] = y0
-    loop, state = _loop(problem)
-    with np.errstate(all="ignore"):  # a blow-up is reported below, once
-        loop(t, step, state(y0), state(problem.shift), y, problem.args)
-    _raise_if_lost(problem, t, y, f"step size {step_size:g}")
+    loop, state = loop_for(problem)
+    loop(t, step, _rounded(start, end), state(y0), state(problem.shift), y, problem.args)
+    raise_if_lost(problem, t, y)
     return Solution(t, y, steps * len(tableau.evaluated_stages))
 
 
-def _adaptive(problem: _Problem, rtol: float, atol: np.ndarray) -> Solution:
+def _adaptive(problem: Problem, tolerances: Any, max_steps: int) -> Solution:
     """Integrate with steps chosen by the embedded pair; results are collected in chunks."""
-    _, t, end, y, tableau, _, s, args = problem
-    m, stages, setting = y.size, tableau.stages, f"rtol {rtol:g}"
-    loop, state = _loop(problem, adaptive=True)
+    (_, t, end, y, tableau, _, s, args, _), (rtol, atol) = problem, tolerances
+    m, stages, rounded = y.size, tableau.stages, _rounded(t, end)
+    most = min(max_steps, MAX_STORED // (1 + m + m * stages))
+    loop, state = loop_for(problem, adaptive=True)
     power = -0.5 / (_lower_order(tableau) + 1)
     h, nfev = _first_step(problem, atol + rtol * np.abs(y), 2 * power)
-    times, states, slopes, rejected = [np.array([t])], [y[:, None]], [], 0
-    tolerances = rtol, state(atol), power
+    times, states, slopes, taken, rejected = [np.array([t])], [y[:, None]], [], 0, 0
+    settings = state(s), rtol, state(atol), power
     while t != end:
-        room = np.empty(_CHUNK), np.empty((m, _CHUNK)), np.empty((_CHUNK, stages, m))
-        with np.errstate(all="ignore"):
-            n, lost, t, h = loop(t, end, h, state(y), state(s), *tolerances, *room, args)
+        size = min(_CHUNK, most - taken)
+        if size == 0:
+            limit = f"max_steps = {max_steps}" if most == max_steps else "the limit of memory"
+            raise problem.error(f"stopped at t = {t:.12g} after {most} steps, {limit}")
+        room = np.empty(size), np.empty((m, size)), np.empty((size, stages, m))
+        n, lost, t, h = loop(t, end, h, rounded, state(y), *settings, *room, args)
         times.append(room[0][:n])
         states.append(room[1][:, :n])
         slopes.append(room[2][:n])
@@ -183,15 +225,15 @@ def _adaptive(problem: _Problem, rtol: float, atol: np.ndarray) -> Solution:
         nfev += 1 + (n + lost) * (stages - 1) + (0 if tableau.fsal else n)
         if n:
             y = states[-1][:, -1].copy()
-            _raise_if_lost(problem, times[-1], states[-1], setting)
-        if t != end and n < _CHUNK:
-            raise IntegrationError(
-                f"{problem.told(setting)}: the step size fell to {h:.3g} at t = {t:.6g}"
-            )
+            raise_if_lost(problem, times[-1], states[-1], taken + 1)
+        taken += n
+        if t != end and n < size:
+            fall = f"the step size fell to {h:.3g} at t = {t:.12g}"
+            raise problem.error(f"{fall}, where the spacing of times is {math.ulp(t):.3g}")
     run = Solution(np.concatenate(times), np.concatenate(states, axis=1), nfev, rejected)
-    if tableau.interpolant is None or len(run.t) == 1:
+    if tableau.interpolant is None:
         return run
-    return replace(run, _interpolate=_extension(problem, run, np.concatenate(slopes)))
+    return replace(run, _interpolate=_extension(problem, run, slopes))
 
 
 @cache
@@ -201,9 +243,9 @@ def _lower_order(tableau: Tableau) -> int:
     return min(trees.order(tableau), trees.order(embedded))
 
 
-def _first_step(problem: _Problem, scale: np.ndarray, power: float) -> tuple[float, int]:
+def _first_step(problem: Problem, scale: np.ndarray, power: float) -> tuple[float, int]:
     """Starting step of Hairer, Nørsett and Wanner I, section II.4, and its evaluations of `fun`."""
-    fun, t, end, y0, *_, args = problem
+    fun, t, end, y0, *_, args, _ = problem
     if t == end:
         return 0.0, 0
 
@@ -211,13 +253,25 @@ def _first_step(problem: _Problem, scale: np.ndarray, power: float) -> tuple[flo
         return float(np.sqrt(np.mean((v / scale) ** 2)))
 
     slope = _as_slope(fun(t, y0, *args), y0)
+    if not math.isfinite(norm(slope)):
+        raise problem.error(f"the right-hand side is too large or not finite at t = {t:.12g}")
     d0, d1 = norm(y0), norm(slope)
     h0 = 1e-6 if min(d0, d1) < 1e-5 else 0.01 * d0 / d1
     h0 = math.copysign(min(h0, abs(end - t)), end - t)
-    change = _as_slope(fun(t + h0, y0 + h0 * slope, *args), y0) - slope
-    largest = max(d1, norm(change) / abs(h0))
+    change = norm(_as_slope(fun(t + h0, y0 + h0 * slope, *args), y0) - slope) / abs(h0)
+    largest = max(d1, change if change < math.inf else 0.0)
     h1 = max(1e-6, abs(h0) * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** -power
-    return math.copysign(min(100 * abs(h0), h1, abs(end - t)), end - t), 2
+    h = max(min(100 * abs(h0), h1), 10 * math.ulp(t))
+    return math.copysign(min(h, abs(end - t)), end - t), 2
+
+
+def hermite(s: Any, h: Any, before: Any, after: Any, slope: Any, slope_after: Any) -> Any:
+    """Cubic Hermite interpolation of a step of length h at the share s of it."""
+    return (
+        before * (1 + 2 * s) * (1 - s) ** 2
+        + after * s**2 * (3 - 2 * s)
+        + h * s * (1 - s) * (slope * (1 - s) - slope_after * s)
+    )
 
 
 @cache
@@ -226,11 +280,11 @@ def _interpolant(tableau: Tableau) -> np.ndarray:
     return np.array(tableau.interpolant.tolist(), dtype=float)
 
 
-def _extension(
-    problem: _Problem, run: Solution, slopes: np.ndarray
-) -> Callable[[np.ndarray], np.ndarray]:
+def _extension(problem: Problem, run: Solution, chunks: list[np.ndarray]) -> Callable:
     """Continuous extension y(t + θh): the left end of a step moved along Σ b_i(θ) k_i."""
-    P, s = _interpolant(problem.tableau), problem.shift
+    if not chunks:  # a run of no length
+        return lambda times: np.repeat(run.y, times.size, axis=1)
+    P, s, slopes = _interpolant(problem.tableau), problem.shift[:, None], np.concatenate(chunks)
     direction = 1 if run.t[-1] >= run.t[0] else -1
 
     def interpolate(times: np.ndarray) -> np.ndarray:
@@ -240,9 +294,7 @@ def _extension(
         powers = ((times - run.t[n]) / h)[:, None] ** np.arange(1, P.shape[1] + 1)
         z = h * np.einsum("nsm,sq,nq->mn", slopes[n], P, powers)
         left = run.y[:, n]
-        return (
-            left + z if problem.form == "additive" else (left + s[:, None]) * np.exp(z) - s[:, None]
-        )
+        return left + z if problem.form == "additive" else (left + s) * np.exp(z) - s
 
     return interpolate
 
@@ -251,37 +303,31 @@ def _extension(
 
 
 def _checked_problem(t_span: Any, y0: Any) -> tuple[float, float, np.ndarray]:
-    try:
-        start, end = map(float, t_span)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"t_span = {t_span!r}: two numbers are needed") from error
-    if not (math.isfinite(start) and math.isfinite(end)):
-        raise ValueError(f"t_span = {t_span!r}: both times must be finite")
-    if np.iscomplexobj(y0):
-        raise ValueError(f"y0 = {y0}: the components must be real")
-    y0 = np.array(y0, dtype=float)
-    if y0.ndim != 1 or y0.size == 0:
-        raise ValueError(f"y0 has shape {y0.shape}; one row of at least one number is needed")
-    if not np.isfinite(y0).all():
-        raise ValueError(f"y0 = {y0}: every component must be finite")
+    span = reals("t_span", t_span)
+    start, end = span.tolist() if span.shape == (2,) else (math.nan, math.nan)
+    if not math.isfinite(end - start):
+        raise ValueError(f"t_span = {t_span!r}: two finite numbers are needed")
+    y0 = reals("y0", y0)
+    if y0.ndim != 1 or y0.size == 0 or not np.isfinite(y0).all():
+        raise ValueError(f"y0 = {y0}: one row of at least one finite number is needed")
     return start, end, y0
 
 
-def _checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
+def _per_component(name: str, value: Any, size: int) -> np.ndarray:
+    """Return finite numbers, one for each component, from such a row or from one number."""
+    numbers = reals(name, value)
+    if numbers.ndim > 1 or numbers.size not in (1, size) or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} = {value!r}: a finite number is needed, or {size} of them")
+    return np.full(size, numbers)
+
+
+def checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
     """Shift (m,) of the components, zero by default."""
     if form not in FORMS:
         raise ValueError(f"form = {form!r} is not known; allowed are {list(FORMS)}")
-    if shift is None:
-        s = np.zeros(y0.size)
-    elif form == "additive":
+    if shift is not None and form == "additive":
         raise ValueError(f"shift = {shift!r}: the additive form has no shift")
-    else:
-        s = np.array(shift, dtype=float)
-        if s.ndim > 1 or s.size not in (1, y0.size) or not np.isfinite(s).all():
-            raise ValueError(
-                f"shift = {shift!r}: one finite number is needed, or {y0.size}, one a component"
-            )
-        s = np.broadcast_to(s, y0.shape).copy()
+    s = np.zeros(y0.size) if shift is None else _per_component("shift", shift, y0.size)
     if form.startswith("exponential") and (y0 + s <= 0).any():
         worst = int(np.argmin(y0 + s))
         raise ValueError(
@@ -291,22 +337,31 @@ def _checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
     return s
 
 
-def _checked_tolerances(
-    problem: _Problem, rtol: float, atol: float | Sequence[float] | np.ndarray
-) -> tuple[float, np.ndarray]:
-    tableau = problem.tableau
+def _checked_tolerances(tableau: Tableau, y0: np.ndarray, rtol: float, atol: Any) -> Any:
+    """Return `rtol` and `atol` (m,), for a tableau that has an error estimate."""
     if tableau.b_embedded is None:
         raise ValueError(
             f"step_size is missing, and {tableau.name} has no embedded weights to control it with"
         )
-    atol = np.broadcast_to(np.asarray(atol, dtype=float), problem.y0.shape).copy()
-    if not (np.isfinite(atol).all() and (atol >= 0).all()):
-        raise ValueError(f"atol = {atol}: every component must be finite and not negative")
-    return checked_number("rtol", rtol, above=0.0), atol
+    rtol, scale = checked_number("rtol", rtol, above=0.0), _per_component("atol", atol, y0.size)
+    if ((scale < 0) | (scale + np.abs(y0) == 0)).any():
+        raise ValueError(f"atol = {atol!r}: it must not be negative, and not 0 where y0 is 0")
+    return rtol, scale
 
 
-def _raise_if_lost(problem: _Problem, t: np.ndarray, y: np.ndarray, setting: str) -> None:
-    """Raise an error at the first state that is not finite or, if exponential, not positive."""
+def finite_states(t: Any, times: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return interpolated states (m, k) at `times`, or (m,) if t is a number, if all are finite."""
+    lost = ~np.isfinite(y).all(axis=0)
+    if lost.any():
+        raise IntegrationError(f"the interpolation is not finite at t = {times[lost][0]:.12g}")
+    return y[:, 0] if np.ndim(t) == 0 else y
+
+
+def raise_if_lost(problem: Problem, t: np.ndarray, y: np.ndarray, first: int = 0) -> None:
+    """Raise an error at the first state that is not finite or, if exponential, not positive.
+
+    The first state given is the one after step number `first`.
+    """
     positive, s = problem.form.startswith("exponential"), problem.shift
     last = y[:, -1]
     if np.isfinite(last).all() and not (positive and (last + s <= 0).any()):
@@ -319,13 +374,11 @@ def _raise_if_lost(problem: _Problem, t: np.ndarray, y: np.ndarray, setting: str
         which = int(np.argmax(lost[:, n]))
         finite = np.isfinite(y[which, n])
         what = "reached zero, where the exponential form ends," if finite else "blew up"
-        raise IntegrationError(
-            f"{problem.told(setting)}: component {which} {what} at t = {t[n]:.6g}, step {n}"
-        )
+        raise problem.error(f"component {which} {what} at t = {t[n]:.12g}, step {first + n}")
 
 
 def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
-    slope = np.asarray(value, dtype=float)
+    slope = np.asarray(value, dtype=y.dtype)
     if slope.shape != y.shape:
         raise ValueError(
             f"the right-hand side returned an array of shape {slope.shape}; the state has "
@@ -337,9 +390,9 @@ def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
 # --- choice of the loop -----------------------------------------------------------------------
 
 
-def _loop(problem: _Problem, adaptive: bool = False) -> tuple[Callable, Callable]:
+def loop_for(problem: Problem, adaptive: bool = False) -> tuple[Callable, Callable]:
     """Return the loop for a right-hand side, and the conversion of an array to its state type."""
-    fun, start, _, y0, tableau, form, _, args = problem
+    fun, start, _, y0, tableau, form, _, args, _ = problem
     if not is_jitted(fun):
         checked = lambda t, y, *args: _as_slope(fun(t, y, *args), y)  # noqa: E731
         return python_loop(checked, tableau, form, adaptive), np.asarray

@@ -1,15 +1,16 @@
 """Fixed-step solvers for `scipy.integrate.solve_ivp`, made from a tableau."""
 
+import math
+import warnings
 from collections.abc import Callable
-from itertools import chain
 from typing import Any
 
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
-from scipy.interpolate import CubicHermiteSpline
 
 from armsim.checks import IntegrationError, checked_number
-from armsim.methods.runge_kutta import Form, integrate
+from armsim.methods import runge_kutta
+from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
 
 
@@ -18,11 +19,12 @@ class _Hermite(DenseOutput):
 
     def __init__(self, times: list[float], states: list[np.ndarray], slopes: list) -> None:
         super().__init__(*times)
-        ends = slice(None, None, 1 if times[1] > times[0] else -1)
-        self._spline = CubicHermiteSpline(times[ends], states[ends], slopes[ends])
+        self._ends = np.array([*states, *slopes])
 
     def _call_impl(self, t: np.ndarray) -> np.ndarray:
-        return self._spline(t).T
+        h = self.t - self.t_old
+        ends = self._ends if t.ndim == 0 else self._ends[:, :, None]
+        return runge_kutta.hermite((t - self.t_old) / h, h, *ends)
 
 
 def fixed_step_solver(
@@ -35,9 +37,10 @@ def fixed_step_solver(
     tableau : Tableau
         The method.
     step_size : float
-        Positive; the last step is shortened to end with the interval.
+        Positive; the last step is shortened to end with the interval. The options `first_step` and
+        `max_step` of `solve_ivp` must agree with it; other options have no effect and warn.
     form, shift
-        As in `armsim.methods.integrate`.
+        As in `armsim.methods.integrate`. In the additive form the state may be complex.
 
     Returns
     -------
@@ -53,6 +56,8 @@ def fixed_step_solver(
     0.141120 after 210 evaluations
     """
     checked_number("step_size", step_size, above=0.0)
+    if not isinstance(tableau, Tableau):
+        raise TypeError(f"tableau = {tableau!r}: a Tableau is needed, such as tableaux.RK6")
 
     class FixedStep(OdeSolver):
         """Fixed-step solver for one tableau, with cubic Hermite dense output."""
@@ -62,22 +67,34 @@ def fixed_step_solver(
 
         def __init__(self, fun: Callable, t0: float, y0: Any, t_bound: float, **given: Any) -> None:
             vectorized = given.pop("vectorized", False)
+            first, longest = given.pop("first_step", None), given.pop("max_step", math.inf)
+            if first not in (None, step_size) or not longest >= step_size:
+                wrong = f"first_step = {first}, max_step = {longest}"
+                raise ValueError(f"{wrong}: every step of this solver is {step_size}")
             if given:
-                raise ValueError(f"options {sorted(given)}: a fixed-step solver has none")
-            super().__init__(fun, t0, y0, t_bound, vectorized)
-            self.y_old = self.y
-            # The last step is shortened; a remainder below rounding does not count as a step.
-            steps = range(1, int(np.ceil(abs(t_bound - t0) / step_size - 1e-9)))
-            self.ends = chain((t0 + self.direction * n * step_size for n in steps), [t_bound])
+                warnings.warn(f"a fixed-step solver ignores {', '.join(given)}", stacklevel=3)
+            super().__init__(fun, t0, y0, t_bound, vectorized, support_complex=form == "additive")
+            self.y_old, self.start, self.taken = self.y, t0, 0
+            far = 2**50 * step_size  # an infinite end counts as one that is never reached
+            bound = min(max(t_bound, t0 - far), t0 + far)
+            self.steps = runge_kutta.step_count(t0, bound, step_size)
+            s, setting = runge_kutta.checked_shift(shift, self.y, form), f"step size {step_size:g}"
+            problem = (self.fun, t0, t_bound, self.y, tableau, form, s, (), setting)
+            self.problem = runge_kutta.Problem(*problem)
+            self.loop, _ = runge_kutta.loop_for(self.problem)
 
         def _step_impl(self) -> tuple[bool, str | None]:
-            end = next(self.ends)
-            once = abs(end - self.t) * (1 + 1e-6)  # one step despite rounding
+            n = self.taken + 1
+            whole = self.start + self.direction * n * step_size
+            times = np.array([self.t, self.t_bound if n >= self.steps else whole])
+            out = np.empty((self.n, 2), self.y.dtype, "F")  # so that a state is contiguous
+            with np.errstate(all="ignore"):
+                self.loop(times, step_size, True, self.y, self.problem.shift, out, ())
             try:
-                run = integrate(self.fun, (self.t, end), self.y, tableau, once, form, shift=shift)
+                runge_kutta.raise_if_lost(self.problem, times[1:], out[:, 1:], n)
             except IntegrationError as error:
                 return False, str(error)
-            self.t, self.y_old, self.y = end, self.y, run.y[:, -1]
+            self.t, self.y_old, self.y, self.taken = times[1], self.y, out[:, 1], n
             return True, None
 
         def _dense_output_impl(self) -> DenseOutput:

@@ -6,15 +6,23 @@ the last stage, floats and compiled code are derived from it.
 
 from __future__ import annotations
 
+import ast
+import re
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations_with_replacement
+from numbers import Rational
+from operator import add, mul, sub, truediv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy
+
+#: Operations that a coefficient in text may contain.
+_OPERATIONS: dict[type, Callable] = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +35,8 @@ class Tableau:
         Short name, used in messages and legends.
     A : (s, s) array_like of exact numbers
         Strictly lower triangular stage coefficients: integers, fractions, SymPy numbers or
-        strings such as ``"1/4"``. Floats are rejected because they are not exact.
+        strings such as ``"1/4"``, ``"0.25"`` or ``"(2-sqrt(2))/2"``. Floats of any kind are
+        rejected because they are not exact.
     b : (s,) array_like of exact numbers
         Weights.
     b_embedded : (s,) array_like of exact numbers, optional
@@ -56,33 +65,23 @@ class Tableau:
         if (s := len([*self.A])) == 0:  # of an array, len counts all entries
             raise ValueError(f"tableau {self.name}: A is empty; at least one stage is needed")
         for label in ("A", "b", "b_embedded", "interpolant"):
-            if (given := getattr(self, label)) is not None:
-                exact = [self._row(label, i, item, s) for i, item in enumerate(given)]
-                self._check_length(label, exact, s)
-                object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
+            if (given := getattr(self, label)) is None:
+                continue
+            exact = _exact(given, label, 2 if label in ("A", "interpolant") else 1)
+            rows = {f"A[{i}]": row for i, row in enumerate(exact)} if label == "A" else {}
+            for where, row in {label: exact, **rows}.items():
+                if len(row) != s:
+                    raise ValueError(
+                        f"tableau {self.name}: {where} has {len(row)} entries; a tableau of {s} "
+                        f"stages needs {s}"
+                    )
+            object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
         for i, j in combinations_with_replacement(range(s), 2):
             if self.A[i, j] != 0:
                 raise ValueError(
                     f"tableau {self.name}: A[{i}][{j}] = {self.A[i, j]} makes the method implicit; "
                     "entries on and above the diagonal must be 0"
                 )
-
-    def _row(self, label: str, i: int, item: Any, s: int) -> Any:
-        """Return a weight, or a row of a matrix, in exact numbers."""
-        where = f"{label}[{i}]"
-        if label not in ("A", "interpolant"):
-            return _exact(item, where)
-        row = [_exact(number, f"{where}[{j}]") for j, number in enumerate(item)]
-        if label == "A":
-            self._check_length(where, row, s)
-        return row
-
-    def _check_length(self, label: str, row: list, s: int) -> None:
-        if len(row) != s:
-            raise ValueError(
-                f"tableau {self.name}: {label} has {len(row)} entries; a tableau of {s} stages "
-                f"needs {s}"
-            )
 
     @cached_property
     def c(self) -> sympy.Array:
@@ -127,16 +126,39 @@ class Tableau:
         return A, b, c
 
 
-def _exact(value: object, where: str) -> sympy.Expr:
-    if isinstance(value, bool | float | np.floating):
+def _exact(value: Any, where: str, depth: int = 0) -> Any:
+    """Return a number, or rows of them nested to a depth, exactly."""
+    if depth:
+        return [_exact(item, f"{where}[{i}]", depth - 1) for i, item in enumerate(value)]
+    exact = isinstance(value, str | Rational | sympy.Expr) and not isinstance(value, bool)
+    if not exact or (isinstance(value, sympy.Expr) and value.has(sympy.Float)):
         raise ValueError(f"{where} = {value!r} is not exact; give an integer, fraction or string")
     try:
-        number = sympy.sympify(value, rational=True)
-    except (sympy.SympifyError, TypeError) as error:
+        number = _parsed(value.strip()) if isinstance(value, str) else sympy.sympify(value)
+    except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError) as error:
         raise ValueError(f"{where} = {value!r} is not a number") from error
     if not (number.is_number and number.is_real):
-        raise ValueError(f"{where} = {value!r} is not a real number")
+        raise ValueError(f"{where} = {value!r} is not a real number of digits + - * / ( ) sqrt")
     return number
+
+
+def _parsed(text: str) -> sympy.Expr:
+    """Exact value of a text, which is never run as code; NaN if it contains anything else."""
+
+    def value(node: ast.AST) -> sympy.Expr:
+        digits = ast.get_source_segment(text, node) or ""
+        match node:
+            case ast.BinOp(left, sign, right) if type(sign) in _OPERATIONS:
+                return _OPERATIONS[type(sign)](value(left), value(right))
+            case ast.UnaryOp(ast.USub() | ast.UAdd() as sign, part):
+                return -value(part) if isinstance(sign, ast.USub) else value(part)
+            case ast.Call(ast.Name("sqrt"), [part], []):
+                return sympy.sqrt(value(part))
+            case ast.Constant() if re.fullmatch(r"[0-9.]+(e-?[0-9]{1,2})?", digits):
+                return sympy.Rational(digits)
+        return sympy.nan
+
+    return value(ast.parse(text, mode="eval").body)
 
 
 def _corrected(name: str, A: str, b: str, reference: str, **more: str) -> Tableau:
