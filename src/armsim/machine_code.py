@@ -29,7 +29,7 @@ from numba import config, njit, types
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
-from numba.extending import is_jitted
+from numba.extending import _Intrinsic, is_jitted
 from numba.misc.appdirs import AppDirs
 
 #: Known by their versions: numba has implementations of its own for what is called there.
@@ -68,6 +68,8 @@ def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
     if is_jitted(value):
         yield from _parts(sorted(value.targetoptions.items()), seen)
         value = value.py_func
+    if isinstance(value, _Intrinsic):
+        value = value._defn
     if isinstance(value, _PLAIN):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, tuple | list):

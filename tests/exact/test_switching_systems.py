@@ -334,7 +334,7 @@ def test_the_sizes_of_a_system_are_checked(guards, matrices):
 def test_times_form_one_row():
     run = solve_probe(0)
     for call in (run, run.modes):
-        with pytest.raises(ValueError, match=r"t has the shape \(2, 2\); a number or a row"):
+        with pytest.raises(ValueError, match=r"t has shape \(2, 2\); a number or one row"):
             call([[0.0, 1.0], [2.0, 3.0]])
         with pytest.raises(ValueError, match="t = 5.0 is outside the run"):
             call(5.0)

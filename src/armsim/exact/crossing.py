@@ -91,8 +91,13 @@ def work_room(n, guards):
 @compiled
 def set_slope(here, z, slope):
     """Set `slope` to A z + b; return whether it is finite."""
-    slope[:] = here.A @ z + here.b
-    return np.isfinite(slope).all()
+    finite = True
+    for i in range(z.size):
+        slope[i] = here.b[i]
+        for j in range(z.size):
+            slope[i] += here.A[i, j] * z[j]
+        finite = finite and math.isfinite(slope[i])
+    return finite
 
 
 @compiled

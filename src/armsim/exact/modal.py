@@ -11,10 +11,10 @@ for matrices of about ten rows.
 import math
 from typing import Any, NamedTuple
 
-import llvmlite.binding  # type: ignore[import-untyped]
 import numpy as np
-from numba import njit, types
-from numba.extending import get_cython_function_address, intrinsic
+from numba import njit
+
+from armsim.exact.intrinsics import eigen, fma
 
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 compiled = njit(**OPTIONS)
@@ -120,7 +120,8 @@ def _balance(A, unit):
     """Set power-of-two units of the states that balance the rows and columns of `A`.
 
     A state on which no derivative depends is a pure integral of the others and gets the unit 0. The
-    diagonal counts: without it, scaling could hide that a matrix is nearly defective. Returns the norm of the matrix of the others in these units.
+    diagonal counts: without it, scaling could hide that a matrix is nearly defective. Returns the
+    norm of the matrix of the others in these units.
     """
     n = unit.size
     for j in range(n):
@@ -184,57 +185,14 @@ def _solution(A, B):
         return np.full_like(B, np.inf)
 
 
-# LAPACK's solver for real matrices, from SciPy. If eigenvalues are complex, numba's np.linalg.eig
-# accepts only complex matrices, at twice the cost.
-llvmlite.binding.add_symbol(
-    "armsim_dgeev", get_cython_function_address("scipy.linalg.cython_lapack", "dgeev")
-)
-_integers, _numbers = types.CPointer(types.int32), types.CPointer(types.float64)
-_dgeev = types.ExternalFunction(
-    "armsim_dgeev",
-    types.void(
-        *(_integers, _integers, _integers, _numbers, _integers, _numbers, _numbers),
-        *(_numbers, _integers, _numbers, _integers, _numbers, _integers, _integers),
-    ),
-)
-
-
-@compiled
-def eigen(A):
-    """Complex eigenvalues (n,) and eigenvectors (n, n) of a real matrix, and a failure flag."""
-    n = A.shape[0]
-    # Two arrays hold all that LAPACK reads and writes. Both are read after the call, since numba
-    # might otherwise free them too early. 78 and 86 are the letters N and V, for no left but right
-    # eigenvectors.
-    whole = np.array([78, 86, n, 1, 8 * n, 0], np.int32)
-    left, right, size, one, length, info = 0, 1, 2, 3, 4, 5
-    real = np.empty(2 * n * n + 10 * n)
-    matrix, v, w = real, real[n * n :], real[2 * n * n :]
-    for i in range(n):
-        for j in range(n):
-            matrix[j * n + i] = A[i, j]
-    _dgeev(
-        whole[left:].ctypes, whole[right:].ctypes, whole[size:].ctypes, matrix.ctypes,
-        whole[size:].ctypes, w.ctypes, w[n:].ctypes, v.ctypes, whole[one:].ctypes, v.ctypes,
-        whole[size:].ctypes, w[2 * n :].ctypes, whole[length:].ctypes, whole[info:].ctypes,
-    )  # fmt: skip
-    rate, V = np.empty(n, np.complex128), np.empty((n, n), np.complex128)
-    for k in range(n):
-        rate[k] = complex(w[k], w[n + k])
-        first = k if w[n + k] >= 0.0 else k - 1  # a pair is stored as real and imaginary part
-        for i in range(n):
-            imaginary = v[(first + 1) * n + i] if w[n + k] != 0.0 else 0.0
-            V[i, k] = complex(v[first * n + i], imaginary if w[n + k] >= 0.0 else -imaginary)
-    return rate, V, whole[info] != 0
-
-
 @compiled
 def _influence(C):
     """Matrix whose entry [i, j] is true if state j acts on state i, directly or through others."""
-    acts = C != 0.0
+    acts = (C != 0.0) | (np.eye(C.shape[0]) > 0.0)
     for k in range(C.shape[0]):
-        acts[k, k] = True
-        acts |= acts[:, k : k + 1] & acts[k : k + 1, :]
+        for i in range(C.shape[0]):
+            if acts[i, k]:
+                acts[i] |= acts[k]
     return acts
 
 
@@ -276,21 +234,13 @@ def _blockwise(C, rate, V):
     return True
 
 
-@intrinsic
-def _fma(typing, a, b, c):  # a b + c, rounded once
-    def code(context, builder, signature, arguments):
-        return builder.fma(*arguments)
-
-    return types.float64(types.float64, types.float64, types.float64), code
-
-
 @strict
 def _add_product(total, rest, a, b):
     """Add a b to an unevaluated sum total + rest of twice the working precision."""
     product = a * b
     grown = total + product
     kept = grown - total
-    return grown, rest + (_fma(a, b, -product) + ((total - (grown - kept)) + (product - kept)))
+    return grown, rest + (fma(a, b, -product) + ((total - (grown - kept)) + (product - kept)))
 
 
 @strict
@@ -306,9 +256,10 @@ def _difference(P, Q, F, d):
             for k in range(n + 1):
                 p, q = (P[i, k], Q[k, j]) if k < n else (F[i, j], -d[j])
                 real, more_real = _add_product(real, more_real, p.real, q.real)
-                real, more_real = _add_product(real, more_real, -p.imag, q.imag)
                 imag, more_imag = _add_product(imag, more_imag, p.real, q.imag)
-                imag, more_imag = _add_product(imag, more_imag, p.imag, q.real)
+                if p.imag != 0.0:
+                    real, more_real = _add_product(real, more_real, -p.imag, q.imag)
+                    imag, more_imag = _add_product(imag, more_imag, p.imag, q.real)
             out[i, j] = complex(real + more_real, imag + more_imag)
     return out
 
@@ -317,7 +268,8 @@ def _difference(P, Q, F, d):
 def _refine(C, V, rate):
     """Refine eigenvalues and eigenvectors by Newton's method.
 
-    Returns the inverse of `V` and a bound of the relative error of a sum over the modes. With E = V⁻¹ (C V - V Λ), the corrections are E_ii of an eigenvalue and E_ij / (λ_j - λ_i) of an
+    Returns the inverse of `V` and a bound of the relative error of a sum over the modes. With
+    E = V⁻¹ (C V - V Λ), the corrections are E_ii of an eigenvalue and E_ij / (λ_j - λ_i) of an
     eigenvector. Where the gap does not exceed E_ij, the eigenvalues count as equal.
     """
     n, one = rate.size, np.eye(rate.size) + 0j

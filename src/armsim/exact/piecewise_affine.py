@@ -23,6 +23,7 @@ from numba.extending import is_jitted
 from armsim.checks import IntegrationError, checked_count, checked_times
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
+from armsim.exact.intrinsics import borrowed, keep_alive
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
 from armsim.machine_code import announced, generated, kept
 
@@ -148,7 +149,8 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         np.empty(sizes[0]),
         np.empty(sizes[0]),
     )
-    m, w = modal.room_for(sizes[1], n), crossing.work_room(n, sizes[0])
+    owned = here, modal.room_for(sizes[1], n), crossing.work_room(n, sizes[0])
+    here, m, w = borrowed(owned[0]), borrowed(owned[1]), borrowed(owned[2])
     start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 2), np.int64)
     event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
     pieces = events = at_once = known = interval = place = 0
@@ -197,7 +199,8 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
             status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
             break
     pieces_and_events = start[:pieces], label[:pieces], event_time[:events], event[:events]
-    return Record(status, *pieces_and_events, m, t, mode, here)
+    keep_alive(owned[2])
+    return Record(status, *pieces_and_events, owned[1], t, mode, owned[0])
 
 
 @compiled
@@ -229,8 +232,9 @@ def _obstacle(m, place, all_pieces, finite):
 @kept(**OPTIONS)
 def sample(record, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
-    n, last, m = out.shape[0], -1, record.matrices
-    w = crossing.work_room(n, 0)
+    n, last, m = out.shape[0], -1, borrowed(record.matrices)
+    room = crossing.work_room(n, 0)
+    w = borrowed(room)
     pieces = np.searchsorted(record.start[:, 0].copy(), times, side="right") - 1
     for j in range(times.size):
         piece = pieces[j]
@@ -241,6 +245,8 @@ def sample(record, times, out):
         last = piece
         modal.advance(m, place, state, slope, w.amplitude, w.taylor, u, w.state)
         out[:, j] = w.state
+    keep_alive(record.matrices)
+    keep_alive(room)
 
 
 _RUN = """\
