@@ -114,6 +114,25 @@ def cpu_change(timing: Timing, new: str, prior: str) -> np.ndarray:
     return np.quantile(change, [0.25, 0.5, 0.75])
 
 
+def steps_for(target: float, steps: np.ndarray, errors: np.ndarray) -> float:
+    """Return the number of steps from which on every larger one meets an error.
+
+    Parameters
+    ----------
+    target : float
+        The error.
+    steps, errors : (n,) arrays
+        Increasing numbers of steps and their errors; a NaN does not meet any.
+
+    Returns
+    -------
+    float
+        NaN if the largest number does not meet it.
+    """
+    all_from_here = np.cumprod((errors <= target)[::-1])[::-1]
+    return float(min(steps[all_from_here == 1], default=np.nan))
+
+
 def step_size_for(target: float, step_sizes: np.ndarray, errors: np.ndarray) -> float:
     """Step size with which an error is met, read off between two steps on logarithmic scales.
 

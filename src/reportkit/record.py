@@ -204,6 +204,11 @@ class Study:
         text.write(path, frame.to_csv(index=False, float_format="%.9g"))
 
 
+def cell(value: float, form: str = ".2f") -> str:
+    """Return a number as text with a true minus sign; a dash for NaN, which does not apply."""
+    return "–" if math.isnan(value) else f"{value:{form}}".replace("-", "−")
+
+
 def scientific(value: float, digits: int = 1) -> str:
     r"""Return a number as ``$6.9 \cdot 10^{-2}$``, which never breaks across lines."""
     mantissa, exponent = f"{value:.{digits}e}".split("e")

@@ -16,12 +16,15 @@ from typing import Any
 
 import numpy as np
 
+from armsim.arm import response
 from armsim.arm.dynamics import Region, affine
 from armsim.arm.parameters import AxisParameters
 from armsim.checks import checked_number
 
 #: Region of steady forward motion: no limit active, teeth engaged, no static friction.
 ENGAGED = Region(preamplifier=0, power=0, contact=1, friction=0)
+#: Changes of an axis that leave no play, no static friction and no limit in reach.
+UNLIMITED = {"H": 0.0, "F_0": 0.0, "V_L": 1e9, "V_M": 1e9}
 _ZERO = 1e-6  # 1/s; smaller eigenvalues are the zeros of the positions, up to rounding
 
 
@@ -157,6 +160,16 @@ class StepResponse:
         last = np.flatnonzero(excess(t) > 0)[-1]
         return float(brentq(excess, t[last], t[last + 1]))
 
+    def arrival_time(self, criterion: float = 0.02) -> float:
+        """Time in s at which the velocity first comes within `criterion` of its final value."""
+        t = np.linspace(0, self.settling_time(criterion), 20_001)
+        return response.arrival_time(t, self.velocity(t), (1 - criterion) * self.final)
+
+    def overshoot(self) -> float:
+        """Share of the final value by which the velocity passes it."""
+        t = np.linspace(0, self.settling_time(), 20_001)
+        return max(0.0, float(self.velocity(t).max() / self.final - 1))
+
     def peak_current(self) -> float:
         """Largest magnitude of the motor current in A."""
         from scipy.optimize import minimize_scalar  # slow to import
@@ -180,6 +193,19 @@ class StepResponse:
         end = np.log(max(np.abs(self.residues).sum() / rest, 2.0)) / slowest + 1e-9
         fastest = np.abs(self.poles).max()
         return np.union1d(np.linspace(0, end, 20001), np.geomspace(1e-3 / fastest, end, 2001))
+
+
+def nearly_linear(p: AxisParameters, gain: float) -> AxisParameters:
+    """Return an axis whose seven states follow eq. (16) up to a distance in proportion to 1/gain.
+
+    Parameters
+    ----------
+    p : AxisParameters
+        The axis; K_1 is computed anew by its rule.
+    gain : float
+        Forward gain K_e in V/V; the gear's stiffness and friction grow in proportion to it.
+    """
+    return p.replace(**UNLIMITED, K_e=gain, K_g=1e6 * gain, b_g=100 * gain)
 
 
 # --- the seven-state model inside a region ------------------------------------------------------

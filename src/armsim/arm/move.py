@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armsim.arm.linear import nearly_linear
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.response import settling_time
 from armsim.arm.simulate import Trajectory, simulate
@@ -50,6 +51,31 @@ class Move(NamedTuple):
         assert self.run.control is not None
         v_c, p = self.run.auxiliary(self.t)["v_c"], self.run.parameters
         return float((np.abs(v_c) >= p.V_L)[self.t < self.run.control.track.duration].mean())
+
+
+class LinearMove(NamedTuple):
+    """How the linear model differs from the nonlinear one in the same move."""
+
+    position: np.ndarray  #: (n,) m, linear less nonlinear
+    velocity: np.ndarray  #: (n,) m/s, likewise
+    peak: float  #: largest current of the linear model, as a share of the saturation current
+
+
+def linear_move(one: Move, gain: float = 1e5) -> LinearMove:
+    """Let a linear model of the same axis make a move under the same control unit.
+
+    Parameters
+    ----------
+    one : Move
+        The move of the nonlinear model.
+    gain : float
+        See `armsim.arm.linear.nearly_linear`.
+    """
+    p, control = one.run.parameters, one.run.control
+    assert control is not None
+    y = move(nearly_linear(p, gain), control).y
+    peak = float(np.abs(y[6]).max() / (p.K_i * p.V_L))
+    return LinearMove(y[0] - one.y[0], y[1] - one.y[1], peak)
 
 
 def move(p: AxisParameters, control: SlaveControl) -> Move:
