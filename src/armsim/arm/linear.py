@@ -242,6 +242,40 @@ def oscillation(
     return float(mode.imag / (2 * pi)), float(-mode.real)
 
 
+def growth_rate(p: AxisParameters, where: Region = ENGAGED) -> float:
+    """Largest real part of a region's eigenvalues in 1/s; positive if the loop is unstable."""
+    return float(eigenvalues(p, where).real.max())
+
+
+def arm_mode(p: AxisParameters) -> tuple[float, float]:
+    """Frequency and decay rate of the mode that dominates the arm's ringing: one below 200 Hz.
+
+    NaN if the engaged loop is unstable.
+    """
+    return oscillation(p, highest=200) if growth_rate(p) < 0 else (nan, nan)
+
+
+def fastest_decay(p: AxisParameters, lowest: float, highest: float) -> tuple[float, float]:
+    """T_p in s between two limits for which the mode of `arm_mode` decays fastest, and its rate."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    def growth(logarithm: float) -> float:
+        return -arm_mode(p.replace(T_p=float(np.exp(logarithm))))[1]
+
+    bounds, fine = np.log([lowest, highest]), {"xatol": 1e-6}
+    best = minimize_scalar(growth, bounds=bounds, method="bounded", options=fine)
+    return float(np.exp(best.x)), -float(best.fun)
+
+
+def unstable_below(p: AxisParameters, T_p: np.ndarray) -> float:
+    """Largest T_p in s at which the engaged loop becomes unstable; NaN if there is none.
+
+    It is searched for between the values of a grid; see `armsim.arm.response.crossings`.
+    """
+    roots, _ = response.crossings(lambda value: growth_rate(p.replace(T_p=value)), T_p)
+    return max(roots, default=nan)
+
+
 def gear_oscillation(p: AxisParameters) -> tuple[float, float]:
     """Frequency in Hz and damping ratio of motor and arm on the gear spring, otherwise free."""
     mass = 1 / (1 / p.M + p.r_g**2 / p.J_m)
