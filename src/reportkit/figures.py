@@ -75,13 +75,16 @@ def family(
     curves : mapping of name to ordinates
         The name is the curve's label.
     looks : mapping of name to properties of a line, optional
-        The cycle of the style decides for a curve without an entry.
+        The cycle of the style decides for a curve without an entry. By default the curves have
+        the markers `MARKERS` in turn.
     **style
         Properties of all lines; those of a curve take precedence.
     """
     pen: dict[str, Any] = {"ms": 4, "lw": 1.2} | style
+    if looks is None:
+        looks = {name: {"marker": mark} for name, mark in zip(curves, MARKERS, strict=False)}
     return [
-        ax.loglog(x, y, **(pen | dict((looks or {}).get(name, {}))), label=name)[0]
+        ax.loglog(x, y, **(pen | dict(looks.get(name, {}))), label=name)[0]
         for name, y in curves.items()
     ]
 
