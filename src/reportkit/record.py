@@ -33,7 +33,7 @@ class Study:
 
     They go to the folder named by the environment variable ``REPORT_RESULTS``, which the build
     sets; without it to ``runs/<name>`` below the current folder, so that a run by hand never
-    touches the results of the book.
+    touches the results of the book. A study sets the style of all figures that are made after it.
 
     Parameters
     ----------
@@ -50,6 +50,7 @@ class Study:
     def __init__(self, name: str) -> None:
         if not _STUDY.fullmatch(name):
             raise ValueError(f"study name {name!r}: expected NN_topic, like 20_step_response")
+        figures.use()
         self.name = name
         self.results = Path(os.environ.get(RESULTS_VARIABLE) or Path("runs", name))
         self.results.mkdir(parents=True, exist_ok=True)
