@@ -1,6 +1,5 @@
 """Every solver on every problem: its error, its work, and what failed."""
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -78,7 +77,7 @@ def compare(
         for candidate in candidates(problem, step_sizes, tolerances)
     ]
     for name, problem, (method, setting, solve, tableau, exponentials) in tqdm(
-        listed, disable=not sys.stderr.isatty(), leave=False
+        listed, disable=None, leave=False
     ):
         counter = problem.equations.counting()
         try:
