@@ -1,4 +1,4 @@
-"""Tables and Butcher tableaux of the paper as printed, misprints included."""
+"""Tables, Butcher tableaux and formulas of the paper as printed, misprints included."""
 
 import re
 from collections.abc import Callable

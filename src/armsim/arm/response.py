@@ -155,10 +155,10 @@ def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float)
 
 
 def rise(run: Trajectory) -> float:
-    """Rate in 1/s of the rise after a step: the fit of `rise_rate` from 0.1 s to just before the goal.
+    """Rate in 1/s of the rise after a step of the set velocity: `rise_rate` from 0.1 s on.
 
-    The fit ends at nine tenths of the time at which the arm reaches the set velocity. The result is
-    NaN if it does not reach it, or reaches it earlier than that.
+    The fit ends at nine tenths of the time at which the arm first has the set velocity. The result
+    is NaN if the arm never has it, or too early for a fit.
     """
     t = np.linspace(0, run.t_end, 20_001)
     goal = 0.1 * float(run.set_velocity(0.0))
@@ -166,7 +166,7 @@ def rise(run: Trajectory) -> float:
 
 
 def initial_slope(run: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Slope in m/s² of the straight line through the arm velocity in the first tenth of a second."""
+    """Slope in m/s² of a straight line fitted to the arm velocity in the first 0.1 s."""
     t = np.linspace(0.0, 0.1, 1001)
     return float(np.polyfit(t, run(t)[1], 1)[0])
 
