@@ -65,10 +65,7 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
     below: dict[str, set[str]] = {}
     for module in TopologicalSorter(direct).static_order():
         below[module] = direct[module].union(*(below[other] for other in direct[module]))
-    return {
-        module: others.difference(*(below[other] for other in others))
-        for module, others in direct.items()
-    }
+    return {name: rest.difference(*(below[far] for far in rest)) for name, rest in direct.items()}
 
 
 @mpl.rc_context(figures.STYLE)

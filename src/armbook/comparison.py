@@ -92,10 +92,8 @@ def compare(
         work = [counter.count, missed, steps, steps * exponentials * y.shape[0] if tableau else 0]
         runs.append([name, method, setting, problem.error(t, y), *work, solve])
     columns = ["problem", "method", "setting", "error", "evaluations", "end / mm"]
-    return (
-        pd.DataFrame(runs, columns=[*columns, "steps", "exponentials", "solver"]),
-        pd.DataFrame(failures, columns=["method", "problem", "setting", "reason"]),
-    )
+    found = pd.DataFrame(runs, columns=[*columns, "steps", "exponentials", "solver"])
+    return found, pd.DataFrame(failures, columns=["method", "problem", "setting", "reason"])
 
 
 def cheapest(runs: pd.DataFrame, target: float, by: str) -> pd.DataFrame:
@@ -186,25 +184,25 @@ def norms(
     return found
 
 
-class Ratios(NamedTuple):
-    """Errors of one method over those of another, at several step sizes."""
+def ratios(one: np.ndarray, other: np.ndarray, rounding: float = 0.0) -> np.ndarray:
+    """Return the errors (n,) of one method over those of another.
 
-    each: np.ndarray  #: (n,), NaN where rounding decides
-    size: int  #: step sizes that count
-    median: float
-    least: float
-    most: float
-    ahead: float  #: % of the step sizes at which the first method has the smaller error
-
-
-def ratios(one: np.ndarray, other: np.ndarray, rounding: float = 0.0) -> Ratios:
-    """Compare errors (n,) of two methods at the same step sizes.
-
-    Sizes with an error not above `rounding` do not count; the numbers are NaN if none does.
+    NaN where one of them is not above `rounding`, and rounding decides.
     """
-    each = np.where(np.minimum(one, other) > rounding, one / other, np.nan)
-    known = each[~np.isnan(each)]
-    if not known.size:
-        return Ratios(each, 0, np.nan, np.nan, np.nan, np.nan)
-    median, least, most = np.quantile(known, [0.5, 0.0, 1.0]).tolist()
-    return Ratios(each, known.size, median, least, most, float(100 * (known < 1).mean()))
+    return np.where(np.minimum(one, other) > rounding, one / other, np.nan)
+
+
+def spread(ratios: np.ndarray) -> dict[str, float]:
+    """Summarise ratios of errors (n,), NaN left out.
+
+    Returns
+    -------
+    dict
+        Their ``median``, ``least`` and ``most``, and ``ahead``, the per cent of them below 1; NaN
+        if nothing is left.
+    """
+    known = ratios[~np.isnan(ratios)]
+    numbers = [np.nan] * 4
+    if known.size:
+        numbers = [*np.quantile(known, [0.5, 0.0, 1.0]).tolist(), float(100 * (known < 1).mean())]
+    return dict(zip(("median", "least", "most", "ahead"), numbers, strict=True))

@@ -12,10 +12,7 @@ NONLINEARITIES = {"backlash": ["H"], "static friction": ["F_0"], "limits": ["V_L
 
 
 def elasticities(
-    measured: Callable[[AxisParameters], np.ndarray],
-    p: AxisParameters,
-    names: Iterable[str],
-    change: float = 0.01,
+    measured: Callable[[AxisParameters], np.ndarray], p: AxisParameters, names: Iterable[str]
 ) -> dict[str, np.ndarray]:
     """Relative changes of quantities for a relative change of each of some parameters.
 
@@ -26,27 +23,21 @@ def elasticities(
     p : AxisParameters
         The axis.
     names : iterable of str
-        Its parameters.
-    change : float
-        Each is made larger and smaller by this share.
+        Its parameters; each is made larger and smaller by 1 %.
 
     Returns
     -------
     dict
         By parameter, d log(quantity) / d log(parameter) of each quantity.
     """
-
-    def with_factor(name: str, factor: float) -> np.ndarray:
-        return measured(p.replace(**{name: factor * getattr(p, name)}))
-
-    more, less = 1 + change, 1 - change
-    return {
-        name: np.log(with_factor(name, more) / with_factor(name, less)) / np.log(more / less)
-        for name in names
-    }
+    found = {}
+    for name in names:
+        more, less = (measured(p.replace(**{name: f * getattr(p, name)})) for f in (1.01, 0.99))
+        found[name] = np.log(more / less) / np.log(1.01 / 0.99)
+    return found
 
 
-def effects(p: AxisParameters, volts: float) -> dict[str, tuple[float, float]]:
+def effects(p: AxisParameters, volts: float) -> dict[str, list[float]]:
     """Effect of each nonlinearity on the arm velocity in the second after a step.
 
     Returns
@@ -60,12 +51,9 @@ def effects(p: AxisParameters, volts: float) -> dict[str, tuple[float, float]]:
     def velocity(**changes: float) -> np.ndarray:
         return simulate(p.replace(**changes), volts, 1.0)(t)[1]
 
-    def apart(one: np.ndarray, other: np.ndarray) -> float:
-        return float(100 * np.abs(one - other).max() / (0.1 * volts))
-
     full, linear, found = velocity(), velocity(**UNLIMITED), {}
     for told, names in NONLINEARITIES.items():
-        without = velocity(**{name: UNLIMITED[name] for name in names})
-        alone = velocity(**UNLIMITED | {name: getattr(p, name) for name in names})
-        found[told] = apart(without, full), apart(alone, linear)
+        taken_out = velocity(**{name: UNLIMITED[name] for name in names}) - full
+        alone = velocity(**UNLIMITED | {name: getattr(p, name) for name in names}) - linear
+        found[told] = [float(100 * np.abs(c).max() / (0.1 * volts)) for c in (taken_out, alone)]
     return found

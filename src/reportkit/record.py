@@ -99,13 +99,10 @@ class Study:
             raise ValueError(f"tolerance of {name}: absolute or relative, not both")
         if unit is None and not isinstance(value, bool | str):
             unit = "1"
-        self._records[name] = {
-            "value": value,
-            "unit": unit,
-            "tolerance": _tolerance(name, tolerance),
-            **({} if relative is None else {"relative": _tolerance(name, relative)}),
-            **({} if compared else {"compared": False}),
-        }
+        kept = {"value": value, "unit": unit, "tolerance": _tolerance(name, tolerance)}
+        if relative is not None:
+            kept["relative"] = _tolerance(name, relative)
+        self._records[name] = kept if compared else kept | {"compared": False}
         text.write(self.results / f"{self.name}.json", text.to_json(self._records))
         glue(name, ("yes" if value else "no") if isinstance(value, bool) else value, display=False)
 

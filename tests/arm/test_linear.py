@@ -162,7 +162,7 @@ def test_settling_time_and_peak_current_by_brute_force(T_p, volts):
 
 
 @pytest.mark.parametrize("T_p", T_PS)
-def test_arrival_and_overshoot_by_the_matrix_exponential(T_p):
+def test_arrival_by_the_matrix_exponential(T_p):
     p = P.replace(T_p=T_p)
     response = LinearAxis(p).step_response()
     t = np.union1d(np.linspace(0, 0.02, 2001), np.linspace(0, 0.2, 1001))
@@ -170,9 +170,6 @@ def test_arrival_and_overshoot_by_the_matrix_exponential(T_p):
     for criterion in (0.02, 0.2):
         inside = int(np.argmax(velocity >= (1 - criterion) * response.final))
         assert t[inside - 1] <= response.arrival_time(criterion) <= t[inside]
-    # 1e-4: between samples 10 µs apart the curve is higher by no more
-    high = max(0.0, velocity.max() / response.final - 1)
-    assert response.overshoot() == pytest.approx(high, abs=1e-4 * (1 + high))
 
 
 @pytest.mark.parametrize("T_p", [0.04, 0.3])

@@ -58,9 +58,9 @@ def test_the_linear_model_by_a_runge_kutta_run(short):
     far = {"H": 0.0, "F_0": 0.0, "V_L": 1e9, "V_M": 1e9}
     stiff = P.replace(K_e=gain, K_g=1e6 * gain, b_g=100 * gain, **far)
     run = simulate(stiff, control=control, t_end=short.t[-1], method=tableaux.RK6, step_size=5e-6)
-    found = linear_move(short, gain)
-    y = run(short.t)
+    found, y = linear_move(short, gain), run(short.t)
     # 1 µm and 1e-4 m/s: Runge-Kutta runs are interpolated between their steps
-    assert found.position == pytest.approx(y[0] - short.y[0], abs=1e-6)
-    assert found.velocity == pytest.approx(y[1] - short.y[1], abs=1e-4)
-    assert found.peak == pytest.approx(np.abs(y[6]).max() / (P.K_i * P.V_L), rel=1e-3)
+    assert found.y[0] == pytest.approx(y[0], abs=1e-6)
+    assert found.y[1] == pytest.approx(y[1], abs=1e-4)
+    assert found.error == pytest.approx(short.wanted[0] - y[0], abs=1e-6)
+    assert np.abs(found.y[6]).max() == pytest.approx(np.abs(y[6]).max(), rel=1e-3)

@@ -60,14 +60,9 @@ class LinearAxis:
         """
         p, T2 = self.parameters, self.parameters.T_p * self.parameters.T_r
         torque = p.K_b * p.K_i / self.J
-        A = np.array(
-            [
-                [0, 1, 0, 0],
-                [0, -self.B / self.J, torque, torque * p.T_z],
-                [0, 0, 0, 1],
-                [0, -p.K_2 * p.K_t / T2, -1 / T2, -(p.T_p + p.T_r) / T2],
-            ]
-        )
+        motor = [0, -self.B / self.J, torque, torque * p.T_z]
+        lags = [0, -p.K_2 * p.K_t / T2, -1 / T2, -(p.T_p + p.T_r) / T2]
+        A = np.array([[0, 1, 0, 0], motor, [0, 0, 0, 1], lags])
         return A, np.array([0, 0, 0, p.K_1 / T2])
 
     @cached_property
@@ -165,11 +160,6 @@ class StepResponse:
         t = np.linspace(0, self.settling_time(criterion), 20_001)
         return response.arrival_time(t, self.velocity(t), (1 - criterion) * self.final)
 
-    def overshoot(self) -> float:
-        """Share of the final value by which the velocity passes it."""
-        t = np.linspace(0, self.settling_time(), 20_001)
-        return max(0.0, float(self.velocity(t).max() / self.final - 1))
-
     def peak_current(self) -> float:
         """Largest magnitude of the motor current in A."""
         from scipy.optimize import minimize_scalar  # slow to import
@@ -262,8 +252,7 @@ def fastest_decay(p: AxisParameters, lowest: float, highest: float) -> tuple[flo
     def growth(logarithm: float) -> float:
         return -arm_mode(p.replace(T_p=float(np.exp(logarithm))))[1]
 
-    bounds, fine = np.log([lowest, highest]), {"xatol": 1e-6}
-    best = minimize_scalar(growth, bounds=bounds, method="bounded", options=fine)
+    best = minimize_scalar(growth, bounds=np.log([lowest, highest]), options={"xatol": 1e-6})
     return float(np.exp(best.x)), -float(best.fun)
 
 

@@ -53,33 +53,22 @@ class Move(NamedTuple):
         return float((np.abs(v_c) >= p.V_L)[self.t < self.run.control.track.duration].mean())
 
 
-class LinearMove(NamedTuple):
-    """How the linear model differs from the nonlinear one in the same move."""
-
-    position: np.ndarray  #: (n,) m, linear less nonlinear
-    velocity: np.ndarray  #: (n,) m/s, likewise
-    peak: float  #: largest current of the linear model, as a share of the saturation current
-
-
-def linear_move(one: Move, gain: float = 1e5) -> LinearMove:
-    """Let a linear model of the same axis make a move under the same control unit.
-
-    Parameters
-    ----------
-    one : Move
-        The move of the nonlinear model.
-    gain : float
-        See `armsim.arm.linear.nearly_linear`.
-    """
-    p, control = one.run.parameters, one.run.control
-    assert control is not None
-    y = move(nearly_linear(p, gain), control).y
-    peak = float(np.abs(y[6]).max() / (p.K_i * p.V_L))
-    return LinearMove(y[0] - one.y[0], y[1] - one.y[1], peak)
-
-
 def move(p: AxisParameters, control: SlaveControl) -> Move:
     """Simulate the move of a control unit exactly, from rest."""
     t_end = control.track.duration + REST
     run, t = simulate(p, control=control, t_end=t_end), np.linspace(0.0, t_end, 8001)
     return Move(run, t, run(t), control.track(t))
+
+
+def linear_move(nonlinear: Move, gain: float = 1e5) -> Move:
+    """Let a linear model of the same axis make a move under the same control unit.
+
+    Parameters
+    ----------
+    nonlinear : Move
+        The move of the axis itself.
+    gain : float
+        See `armsim.arm.linear.nearly_linear`.
+    """
+    assert nonlinear.run.control is not None
+    return move(nearly_linear(nonlinear.run.parameters, gain), nonlinear.run.control)
