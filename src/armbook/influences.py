@@ -1,4 +1,4 @@
-"""What the step response depends on: elasticities, and one nonlinearity at a time."""
+"""Influences on the step response: elasticities, and each nonlinearity alone."""
 
 from collections.abc import Callable, Iterable
 

@@ -17,6 +17,7 @@ from armsim.arm.response import (
     loop_ringing,
     nearest,
     ringing,
+    rise,
     rise_rate,
     settling_time,
     step_quality,
@@ -136,6 +137,22 @@ def test_time_within_regions_adds_up(published):
 # --- curves -------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("rate", [0.3, 1.8, 20.0])
+def test_rise_rate_of_an_exponential(rate):
+    def run(t):
+        return np.array([0 * t, 1.2 - 0.9 * np.exp(-rate * t)])
+
+    assert rise_rate(run, 0.1, 0.7) == pytest.approx(rate, rel=1e-6)
+
+
+def test_what_never_rises_has_no_rate():
+    def run(t):
+        return np.ones((7, t.size))
+
+    assert math.isnan(rise_rate(run, 0.1, math.nan))
+    assert math.isnan(rise_rate(run, 0.1, 0.1))
+
+
 class Exponential:
     """A made-up run: a rise to 1.05 m/s after a step."""
 
@@ -150,16 +167,10 @@ class Exponential:
 
 
 @pytest.mark.parametrize("rate", [1.1, 2.0, 15.0])
-def test_rise_rate_of_an_exponential(rate):
-    assert rise_rate(Exponential(10.0, rate)) == pytest.approx(rate, rel=1e-6)
-
-
-def test_what_never_rises_or_too_early_has_no_rate():
-    assert math.isnan(rise_rate(Exponential(11.0, 2.0)))  # which it never reaches
-    assert math.isnan(rise_rate(Exponential(10.0, 40.0)))  # which it reaches before 0.1 s
-    still = Exponential(0.0, 2.0)
-    still.rate = 0.0
-    assert math.isnan(rise_rate(still))
+def test_the_rise_ends_at_the_set_velocity(rate):
+    assert rise(Exponential(10.0, rate)) == pytest.approx(rate, rel=1e-6)
+    assert math.isnan(rise(Exponential(11.0, rate)))  # which it never reaches
+    assert math.isnan(rise(Exponential(10.0, 40.0)))  # which it reaches before 0.1 s
 
 
 def test_the_initial_slope_by_integrals():

@@ -124,28 +124,26 @@ def pulling(run: Trajectory, interval: float = 1e-6) -> tuple[float, float]:
     return (float(pull.max()), float((pull > 0).mean())) if pull.size else (nan, nan)
 
 
-def rise_rate(run: Trajectory) -> float:
-    """Rate r in 1/s of the curve a - b exp(-r t) fitted to the rise of the arm velocity.
+def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float) -> float:
+    """Rate r in 1/s of the curve a - b exp(-r t) fitted to the arm velocity by least squares.
 
     Parameters
     ----------
     run : Trajectory
-        Run after a step of the set velocity. The fit, by least squares, begins at 0.1 s and ends at
-        nine tenths of the time at which the arm first has the set velocity.
+        Any callable that returns states (7, n) at n times.
+    begin, end : float
+        First and last time of the fit.
 
     Returns
     -------
     float
-        NaN if the arm never has the set velocity, or too early; if it does not move; or if the fit
-        does not converge.
+        NaN if `begin` is not before `end`, the velocity is constant, or the fit does not converge.
     """
     from scipy.optimize import curve_fit  # slow to import
 
-    whole, goal = np.linspace(0, run.t_end, 20_001), 0.1 * float(run.set_velocity(0.0))
-    end = 0.9 * arrival_time(whole, run(whole)[1], goal)
-    if not end > 0.1:
+    if not begin < end:
         return nan
-    t = np.linspace(0.1, end, 2001)
+    t = np.linspace(begin, end, 2001)
     velocity = run(t)[1]
     if np.ptp(velocity) <= 1e-12 * np.abs(velocity).max():
         return nan
@@ -154,6 +152,16 @@ def rise_rate(run: Trajectory) -> float:
     except RuntimeError:
         return nan
     return float(found[2])
+
+
+def rise(run: Trajectory) -> float:
+    """Rate in 1/s of the rise after a step of the set velocity: `rise_rate` from 0.1 s on.
+
+    The fit ends at nine tenths of the time at which the arm first has the set velocity. The result
+    is NaN if the arm never has it, or too early for a fit.
+    """
+    t, goal = np.linspace(0, run.t_end, 20_001), 0.1 * float(run.set_velocity(0.0))
+    return rise_rate(run, 0.1, 0.9 * arrival_time(t, run(t)[1], goal))
 
 
 def initial_slope(run: Callable[[np.ndarray], np.ndarray]) -> float:
