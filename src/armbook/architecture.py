@@ -1,11 +1,10 @@
 """The modules of the three packages and the symbols of an axis, drawn and listed for the pages."""
 
-import ast
 import dataclasses
 import sys
 from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
-from importlib.util import find_spec
+from importlib import import_module
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -65,10 +64,7 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
     below: dict[str, set[str]] = {}
     for module in TopologicalSorter(direct).static_order():
         below[module] = direct[module].union(*(below[other] for other in direct[module]))
-    return {
-        module: others.difference(*(below[other] for other in others))
-        for module, others in direct.items()
-    }
+    return {name: rest.difference(*(below[far] for far in rest)) for name, rest in direct.items()}
 
 
 @mpl.rc_context(figures.STYLE)
@@ -144,10 +140,7 @@ def modules_table(graph: Graph) -> str:
     """Return the table of the modules: subject, from the docstring, and imports."""
     rows = []
     for module, others in graph.items():
-        spec = find_spec(module)
-        assert spec and spec.origin
-        tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-        subject = (ast.get_docstring(tree) or "").partition("\n\n")[0]
+        subject = (import_module(module).__doc__ or "").partition("\n\n")[0]
         named = ", ".join(f"`{other}`" for other in sorted(others)) or "–"
         rows.append([f"`{module}`", subject, named])
     return text.markdown_table(["module", "subject", "imports"], rows)

@@ -1,7 +1,6 @@
-"""Every solver on every problem: its error, its work, and what failed."""
+"""Solvers compared: all of them on every problem, and two methods by several norms of the error."""
 
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +77,7 @@ def compare(
         for candidate in candidates(problem, step_sizes, tolerances)
     ]
     for name, problem, (method, setting, solve, tableau, exponentials) in tqdm(
-        listed, disable=not sys.stderr.isatty(), leave=False
+        listed, disable=None, leave=False
     ):
         counter = problem.equations.counting()
         try:
@@ -93,10 +92,8 @@ def compare(
         work = [counter.count, missed, steps, steps * exponentials * y.shape[0] if tableau else 0]
         runs.append([name, method, setting, problem.error(t, y), *work, solve])
     columns = ["problem", "method", "setting", "error", "evaluations", "end / mm"]
-    return (
-        pd.DataFrame(runs, columns=[*columns, "steps", "exponentials", "solver"]),
-        pd.DataFrame(failures, columns=["method", "problem", "setting", "reason"]),
-    )
+    found = pd.DataFrame(runs, columns=[*columns, "steps", "exponentials", "solver"])
+    return found, pd.DataFrame(failures, columns=["method", "problem", "setting", "reason"])
 
 
 def cheapest(runs: pd.DataFrame, target: float, by: str) -> pd.DataFrame:
@@ -112,6 +109,25 @@ def cpu_change(timing: Timing, new: str, prior: str) -> np.ndarray:
     """
     change = 100 * np.abs(timing.of(new) / timing.of(prior) - 1)
     return np.quantile(change, [0.25, 0.5, 0.75])
+
+
+def steps_for(target: float, steps: np.ndarray, errors: np.ndarray) -> float:
+    """Return the number of steps from which on every larger one meets an error.
+
+    Parameters
+    ----------
+    target : float
+        The error.
+    steps, errors : (n,) arrays
+        Increasing numbers of steps and their errors; a NaN does not meet any.
+
+    Returns
+    -------
+    float
+        NaN if the largest number does not meet it.
+    """
+    all_from_here = np.cumprod((errors <= target)[::-1])[::-1]
+    return float(min(steps[all_from_here == 1], default=np.nan))
 
 
 def step_size_for(target: float, step_sizes: np.ndarray, errors: np.ndarray) -> float:
@@ -131,3 +147,62 @@ def step_size_for(target: float, step_sizes: np.ndarray, errors: np.ndarray) -> 
     """
     error, step = np.log(errors[::-1]), np.log(step_sizes[::-1])
     return float(np.exp(np.interp(np.log(target), error, step, left=np.nan, right=np.nan)))
+
+
+# --- two methods ---------------------------------------------------------------------------------
+
+#: Time in s after which the start of a run is over.
+START = 2e-3
+
+
+def root_mean_square(t: np.ndarray, errors: np.ndarray) -> float:
+    """Root mean square over time of the worst component, from t = 0, where there is no error."""
+    squares = np.insert(errors, 0, 0.0, axis=1) ** 2
+    return float(np.sqrt(np.trapezoid(squares, np.append(0.0, t)) / t[-1]).max())
+
+
+#: By key: a name, and the norm of relative errors (components, n) at times (n,).
+NORMS: dict[str, tuple[str, Callable[[np.ndarray, np.ndarray], float]]] = {
+    "whole": ("largest error of the run", lambda t, e: e.max()),
+    "late": ("largest error after 2 ms", lambda t, e: e[:, t > START].max()),
+    "rms": ("root mean square", root_mean_square),
+    "motion": ("largest error of position and velocity", lambda t, e: e[:2].max()),
+    "end": ("error at the end", lambda t, e: e[:, -1].max()),
+}
+
+
+def norms(
+    problem: Problem, methods: Iterable[Tableau], step_sizes: Sequence[float] | np.ndarray
+) -> dict[tuple[str, str], np.ndarray]:
+    """Run methods with several step sizes: errors (n,) by the key of the norm and the method."""
+    found = {}
+    for method in methods:
+        runs = [problem.run(fixed(method, h)) for h in step_sizes]
+        errors = [(t, problem.errors(t, y)) for t, y in runs]
+        for key, (_, norm) in NORMS.items():
+            found[key, method.name] = np.array([norm(*pair) for pair in errors])
+    return found
+
+
+def ratios(one: np.ndarray, other: np.ndarray, rounding: float = 0.0) -> np.ndarray:
+    """Return the errors (n,) of one method over those of another.
+
+    NaN where one of them is not above `rounding`, and rounding decides.
+    """
+    return np.where(np.minimum(one, other) > rounding, one / other, np.nan)
+
+
+def spread(ratios: np.ndarray) -> dict[str, float]:
+    """Summarise ratios of errors (n,), NaN left out.
+
+    Returns
+    -------
+    dict
+        Their ``median``, ``least`` and ``most``, and ``ahead``, the per cent of them below 1; NaN
+        if nothing is left.
+    """
+    known = ratios[~np.isnan(ratios)]
+    numbers = [np.nan] * 4
+    if known.size:
+        numbers = [*np.quantile(known, [0.5, 0.0, 1.0]).tolist(), float(100 * (known < 1).mean())]
+    return dict(zip(("median", "least", "most", "ahead"), numbers, strict=True))

@@ -50,9 +50,8 @@ def of_scipy(method: str, rtol: float, atol: np.ndarray) -> Solve:
     """One of `scipy.integrate.solve_ivp`."""
 
     def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        run = solve_ivp(
-            eq.slope, (times[0], times[-1]), y0, method, times, args=args, rtol=rtol, atol=atol
-        )
+        span, how = (times[0], times[-1]), {"rtol": rtol, "atol": atol}
+        run = solve_ivp(eq.slope, span, y0, method, times, args=args, **how)
         if not run.success:
             raise IntegrationError(run.message)
         return times, run.y
@@ -64,10 +63,8 @@ def of_odeint(rtol: float, atol: np.ndarray) -> Solve:
     """LSODA by `scipy.integrate.odeint`."""
 
     def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        y, told = odeint(
-            eq.slope, y0, times, args, rtol=rtol, atol=atol, mxstep=100_000, tfirst=True,
-            full_output=True,
-        )  # fmt: skip
+        how = {"rtol": rtol, "atol": atol, "mxstep": 100_000, "tfirst": True}
+        y, told = odeint(eq.slope, y0, times, args, full_output=True, **how)
         if told["message"] != "Integration successful.":
             raise IntegrationError(told["message"])
         return times, y.T

@@ -189,10 +189,8 @@ def arm_problems(run: Trajectory, interval: float | np.ndarray = 5e-3) -> tuple[
         size, equations = np.abs(run.y).max(axis=1), _arm_equations(flow, run.parameters)
         return Problem(equations, np.zeros(7), legs, run, size, size, controlled=controlled)
 
-    return (
-        problem(rhs, cuts, [()] * (len(cuts) - 1)),
-        problem(region_flow, cuts_landed, [(region_number(region),) for region in where]),
-    )
+    landed = problem(region_flow, cuts_landed, [(region_number(region),) for region in where])
+    return problem(rhs, cuts, [()] * (len(cuts) - 1)), landed
 
 
 def exactly(run: Trajectory, interval: float = 5e-3) -> Callable[[], np.ndarray]:

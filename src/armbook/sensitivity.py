@@ -69,16 +69,8 @@ def counts(table: pd.DataFrame) -> pd.DataFrame:
         values = recorded(part)
         size = values["change"].abs()
         other = values["change"].isna() & values["differs"]
-        failed = part[part["name"] == FAILS]
-        rows.append(
-            {
-                "choice": choice,
-                "factor": factor,
-                "values": len(values),
-                "0.1 %": int(((size > 0.1) | other).sum()),
-                "1 %": int(((size > 1) | other).sum()),
-                "10 %": int(((size > 10) | other).sum()),
-                "failed": ", ".join(failed["study"]),
-            }
-        )
+        moved = {f"{by:g} %": int(((size > by) | other).sum()) for by in (0.1, 1, 10)}
+        failed = {"failed": ", ".join(part[part["name"] == FAILS]["study"])}
+        counted = {"choice": choice, "factor": factor, "values": len(values)}
+        rows.append(counted | moved | failed)
     return pd.DataFrame(rows)

@@ -1,7 +1,9 @@
-"""Tables and Butcher tableaux of the paper as printed, misprints included."""
+"""Tables, Butcher tableaux and formulas of the paper as printed, misprints included."""
 
 import re
+from collections.abc import Callable
 
+import numpy as np
 import sympy
 
 from armsim.methods.tableaux import Tableau
@@ -75,3 +77,27 @@ _FORMULAS = read_toml("paper/tableaux.toml")
 
 #: The four tableaux of the paper's eq. (10)-(16): ``"rk5"``, ``"rk6"``, ``"ndp5"``, ``"ndp6"``.
 PRINTED = {key: _as_printed(key) for key in _FORMULAS}
+
+
+def to_the_letter(slope: Callable[[float], float], y: float, steps: int) -> list[float]:
+    """Apply eq. (15) and (16) word for word to y' = slope(y).
+
+    There is no step size. In eq. (16) the exponentials contain only the coefficients, and every
+    k_i but the last is a factor behind its exponential.
+
+    Returns
+    -------
+    list of float
+        The start and the value after each step; the last one is not finite after an overflow.
+    """
+    method, values = PRINTED["ndp6"], [y]
+    A, b = np.array(method.A, dtype=float), np.array(method.b, dtype=float)
+    printed = np.flatnonzero(b[:-1])  # no term has k_2
+    with np.errstate(all="ignore"):
+        while len(values) <= steps and np.isfinite(y):
+            k = np.zeros(b.size)
+            for stage, row in enumerate(A):
+                k[stage] = slope(y * np.exp(row @ k))
+            y = y * np.prod(np.exp(b[printed]) * k[printed]) * np.exp(b[-1] * k[-1])
+            values.append(float(y))
+    return values

@@ -323,12 +323,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
     project = Project.find()
     try:
-        found = Verdicts(
-            load(project.claims),
-            load_all(results),
-            load_turned(project.variations),
-            load_opinions(project.opinions),
-        )
+        beside = load_turned(project.variations), load_opinions(project.opinions)
+        found = Verdicts(load(project.claims), load_all(results), *beside)
         verdicts = [(claim.name, claim.where, found.of(claim)) for claim in found.claims]
         table = found.table()
     except ClaimError as error:

@@ -7,7 +7,7 @@ figure through ``filter: invert(1) hue-rotate(180deg)``.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
@@ -19,6 +19,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 from matplotlib_inline.backend_inline import set_matplotlib_formats
+
+Values: TypeAlias = Sequence[float] | np.ndarray
+Looks: TypeAlias = Mapping[str, Mapping[str, Any]]
 
 _FILE = Path(__file__).with_name("report.mplstyle")
 STYLE: dict[Any, Any] = dict(mpl.rc_params_from_file(_FILE, use_default_template=False))
@@ -60,11 +63,7 @@ def stack(
 
 
 def family(
-    ax: Axes,
-    x: Sequence[float] | np.ndarray,
-    curves: Mapping[str, Sequence[float] | np.ndarray],
-    looks: Mapping[str, Mapping[str, Any]] | None = None,
-    **style: Any,
+    ax: Axes, x: Values, curves: Mapping[str, Values], looks: Looks | None = None, **style: Any
 ) -> list[Line2D]:
     """Draw curves over the same abscissae on two logarithmic axes, each under its name.
 
@@ -75,13 +74,16 @@ def family(
     curves : mapping of name to ordinates
         The name is the curve's label.
     looks : mapping of name to properties of a line, optional
-        The cycle of the style decides for a curve without an entry.
+        The cycle of the style decides for a curve without an entry. By default the curves have
+        the markers `MARKERS` in turn.
     **style
         Properties of all lines; those of a curve take precedence.
     """
     pen: dict[str, Any] = {"ms": 4, "lw": 1.2} | style
+    if looks is None:
+        looks = {name: {"marker": mark} for name, mark in zip(curves, MARKERS, strict=False)}
     return [
-        ax.loglog(x, y, **(pen | dict((looks or {}).get(name, {}))), label=name)[0]
+        ax.loglog(x, y, **(pen | dict(looks.get(name, {}))), label=name)[0]
         for name, y in curves.items()
     ]
 

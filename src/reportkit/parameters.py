@@ -21,11 +21,11 @@ import io
 import json
 import math
 import re
-import tokenize
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import COMMENT, generate_tokens
 from typing import Any
 
 _SYMBOLS = set("1 % s ms µs V A m mm µm km kg N J W mW Hz rad Ω H".split())
@@ -250,11 +250,8 @@ def sources(folder: Path) -> list[Path]:
 
 def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
     tree, lines = ast.parse(source), ["", *source.split("\n")]
-    comments = {
-        token.start[0]: token.string.lstrip("#").strip()
-        for token in tokenize.generate_tokens(io.StringIO(source).readline)
-        if token.type == tokenize.COMMENT
-    }
+    tokens = generate_tokens(io.StringIO(source).readline)
+    comments = {t.start[0]: t.string.lstrip("#").strip() for t in tokens if t.type == COMMENT}
     for node in tree.body:
         if isinstance(node, ast.ImportFrom):  # of the choices
             continue

@@ -25,11 +25,8 @@ def software(project: Project) -> list[tuple[str, str]]:
         own, wanted = metadata.version(project.name), metadata.requires(project.name) or []
     except metadata.PackageNotFoundError:
         own, wanted = "not installed", [*project.versions]
-    needed = {
-        one.name
-        for one in map(Requirement, wanted)
-        if one.marker is None or one.marker.evaluate({"extra": project.extra})
-    }
+    extra = {"extra": project.extra}
+    needed = {r.name for r in map(Requirement, wanted) if not r.marker or r.marker.evaluate(extra)}
     commit = _commit(project.root)
     return [
         (project.name, f"{own}, commit {commit}" if commit else own),

@@ -33,7 +33,7 @@ class Study:
 
     They go to the folder named by the environment variable ``REPORT_RESULTS``, which the build
     sets; without it to ``runs/<name>`` below the current folder, so that a run by hand never
-    touches the results of the book.
+    touches the results of the book. A study sets the style of all figures that are made after it.
 
     Parameters
     ----------
@@ -50,6 +50,7 @@ class Study:
     def __init__(self, name: str) -> None:
         if not _STUDY.fullmatch(name):
             raise ValueError(f"study name {name!r}: expected NN_topic, like 20_step_response")
+        figures.use()
         self.name = name
         self.results = Path(os.environ.get(RESULTS_VARIABLE) or Path("runs", name))
         self.results.mkdir(parents=True, exist_ok=True)
@@ -98,13 +99,10 @@ class Study:
             raise ValueError(f"tolerance of {name}: absolute or relative, not both")
         if unit is None and not isinstance(value, bool | str):
             unit = "1"
-        self._records[name] = {
-            "value": value,
-            "unit": unit,
-            "tolerance": _tolerance(name, tolerance),
-            **({} if relative is None else {"relative": _tolerance(name, relative)}),
-            **({} if compared else {"compared": False}),
-        }
+        kept = {"value": value, "unit": unit, "tolerance": _tolerance(name, tolerance)}
+        if relative is not None:
+            kept["relative"] = _tolerance(name, relative)
+        self._records[name] = kept if compared else kept | {"compared": False}
         text.write(self.results / f"{self.name}.json", text.to_json(self._records))
         glue(name, ("yes" if value else "no") if isinstance(value, bool) else value, display=False)
 
@@ -202,6 +200,11 @@ class Study:
 
     def _csv(self, path: Path, frame: pd.DataFrame) -> None:
         text.write(path, frame.to_csv(index=False, float_format="%.9g"))
+
+
+def cell(value: float, form: str = ".2f") -> str:
+    """Return a number as text with a true minus sign; a dash for NaN, which does not apply."""
+    return "–" if math.isnan(value) else f"{value:{form}}".replace("-", "−")
 
 
 def scientific(value: float, digits: int = 1) -> str:

@@ -52,10 +52,8 @@ def rerun(
     """
     name, started = notebook.name, datetime.now()
     with executed(notebook.path, parent, parameters) as (new, complaints):
-        got, published = (
-            check.load(path) if path.exists() else {}
-            for path in (new / f"{name}.json", project.expected / f"{name}.json")
-        )
+        files = new / f"{name}.json", project.expected / f"{name}.json"
+        got, published = (check.load(path) if path.exists() else {} for path in files)
         comparisons = check.compare(name, published, got) if published else []
         values = ([key, record["value"], record["unit"]] for key, record in got.items())
         _write_csv(new / "values.csv", ["name", "value", "unit"], values)

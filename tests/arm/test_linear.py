@@ -9,10 +9,16 @@ from armsim.arm import AxisParameters, LinearAxis, simulate
 from armsim.arm.dynamics import Region, affine, constants, region, rhs
 from armsim.arm.linear import (
     ENGAGED,
+    UNLIMITED,
+    arm_mode,
     eigenvalues,
+    fastest_decay,
     gear_oscillation,
+    growth_rate,
+    nearly_linear,
     oscillation,
     steady_motion,
+    unstable_below,
 )
 from armsim.arm.response import loop_ringing
 from armsim.methods import tableaux
@@ -155,6 +161,17 @@ def test_settling_time_and_peak_current_by_brute_force(T_p, volts):
     assert response.peak_current() >= peak * (1 - 1e-12)
 
 
+@pytest.mark.parametrize("T_p", T_PS)
+def test_arrival_by_the_matrix_exponential(T_p):
+    p = P.replace(T_p=T_p)
+    response = LinearAxis(p).step_response()
+    t = np.union1d(np.linspace(0, 0.02, 2001), np.linspace(0, 0.2, 1001))
+    velocity = step_by_expm(p, 10.0, t)[1]
+    for criterion in (0.02, 0.2):
+        inside = int(np.argmax(velocity >= (1 - criterion) * response.final))
+        assert t[inside - 1] <= response.arrival_time(criterion) <= t[inside]
+
+
 @pytest.mark.parametrize("T_p", [0.04, 0.3])
 def test_simulation_without_nonlinear_factors_agrees(T_p):
     """The paper's Figure 3 from the seven state equations: tight stiff gear, limits far away."""
@@ -196,6 +213,17 @@ def test_the_error_of_the_linear_model_falls_as_one_over_each_gain(gain, other, 
     assert errors[0] / errors[1] == pytest.approx(10, rel=0.1)
     assert errors[1] / errors[2] == pytest.approx(10, rel=0.1)
     assert errors[2] < 5e-4
+
+
+def test_a_nearly_linear_axis_tends_to_the_linear_one():
+    axes = [nearly_linear(P, gain) for gain in (1e3, 1e4, 1e5)]
+    errors = [distance(p) for p in axes]
+    assert errors[0] / errors[1] == pytest.approx(10, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(10, rel=0.1)
+    for p, gain in zip(axes, (1e3, 1e4, 1e5), strict=True):
+        assert p.K_e == gain
+        assert {name: getattr(p, name) for name in UNLIMITED} == UNLIMITED
+        assert p.K_1 == P.replace(K_e=gain).K_1  # the rule, which no limit enters
 
 
 def test_in_the_limit_the_step_responses_agree():
@@ -332,3 +360,29 @@ def test_a_step_that_is_not_finite_is_refused(volts):
 def test_a_settling_criterion_outside_0_and_1_is_refused(criterion):
     with pytest.raises(ValueError, match=f"criterion = {criterion}"):
         LinearAxis(P).step_response().settling_time(criterion)
+
+
+@pytest.fixture(scope="module")
+def limit():
+    return unstable_below(P, np.geomspace(0.0071, 4.74, 100))
+
+
+def test_below_the_limit_a_run_chatters_to_its_end(limit):
+    """The limits and the play turn the instability into events without end."""
+    last = [simulate(P.replace(T_p=f * limit), 10.0, 2.0).events[-1].time for f in (0.98, 1.02)]
+    assert last[0] > 1.999
+    assert last[1] < 1.5
+    rates = [growth_rate(P.replace(T_p=f * limit)) for f in (0.98, 1.02)]
+    assert rates[0] > 0 > rates[1]
+    assert np.isnan(arm_mode(P.replace(T_p=0.98 * limit))).all()
+    assert np.isnan(unstable_below(P, np.geomspace(1.0, 4.74, 10)))
+
+
+def test_the_fastest_decay_is_that_of_runs():
+    T_p, decay = fastest_decay(P, 0.1, 2.0)
+    measured = [
+        loop_ringing(simulate(P.replace(T_p=f * T_p), 10.0, 2.5))[1] for f in (0.8, 1.0, 1.25)
+    ]
+    assert measured[1] == max(measured)
+    assert measured[1] == pytest.approx(decay, rel=0.02)  # as test_oscillation_is_what_a_run_shows
+    assert arm_mode(P.replace(T_p=T_p))[1] == pytest.approx(decay, rel=1e-12)

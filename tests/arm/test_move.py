@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armsim.arm import AxisParameters, SlaveControl, Track, simulate
-from armsim.arm.move import BAND, REST, Move, move
+from armsim.arm.move import BAND, REST, Move, linear_move, move
 from armsim.methods import tableaux
 
 P = AxisParameters.paper_x_axis()
@@ -51,3 +51,16 @@ def test_the_time_at_the_limit_is_that_between_events(short):
     )
     assert at_limit > 0
     assert short.share_at_limit == pytest.approx(at_limit / end, abs=2e-3)
+
+
+def test_the_linear_model_by_a_runge_kutta_run(short):
+    gain, control = 1e3, short.run.control
+    far = {"H": 0.0, "F_0": 0.0, "V_L": 1e9, "V_M": 1e9}
+    stiff = P.replace(K_e=gain, K_g=1e6 * gain, b_g=100 * gain, **far)
+    run = simulate(stiff, control=control, t_end=short.t[-1], method=tableaux.RK6, step_size=5e-6)
+    found, y = linear_move(short, gain), run(short.t)
+    # 1 µm and 1e-4 m/s: Runge-Kutta runs are interpolated between their steps
+    assert found.y[0] == pytest.approx(y[0], abs=1e-6)
+    assert found.y[1] == pytest.approx(y[1], abs=1e-4)
+    assert found.error == pytest.approx(short.wanted[0] - y[0], abs=1e-6)
+    assert np.abs(found.y[6]).max() == pytest.approx(np.abs(y[6]).max(), rel=1e-3)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 
 from armsim.arm import AxisParameters, LinearAxis, simulate
 from armsim.arm.dynamics import Region, affine, constants, rhs
@@ -12,8 +12,12 @@ from armsim.arm.response import (
     SETTLED,
     arrival_time,
     crossings,
+    gear_ringing,
+    initial_slope,
     loop_ringing,
+    nearest,
     ringing,
+    rise,
     rise_rate,
     settling_time,
     step_quality,
@@ -61,6 +65,18 @@ def test_what_does_not_ring_has_no_frequency(published):
     assert np.isnan(ringing(np.arange(10.0), np.arange(10.0))).all()
     assert np.isnan(ringing(np.arange(4.0), np.array([0.0, 1, 0, 1]))).all()  # two extrema
     assert np.isnan(loop_ringing(published)).all()  # it ends 0.15 s after the last event
+
+
+def test_the_gear_rings_with_its_own_mode(published):
+    """Two masses on a spring with a damper, while the current is held at its limit."""
+    p = published.parameters
+    mass = 1 / (1 / p.M + p.r_g**2 / p.J_m)
+    decay = p.b_g / (2 * mass)
+    frequency = math.sqrt(p.K_g / mass - decay**2) / (2 * np.pi)
+    # 5 %: the back EMF, which the current loop does not quite balance, damps as well
+    assert gear_ringing(published) == pytest.approx((frequency, decay), rel=0.05)
+    small = simulate(p, 0.1, 0.2)
+    assert np.isnan(gear_ringing(small)).all()  # its preamplifier is soon off the limit
 
 
 def test_the_quality_of_the_published_step():
@@ -135,6 +151,50 @@ def test_what_never_rises_has_no_rate():
 
     assert math.isnan(rise_rate(run, 0.1, math.nan))
     assert math.isnan(rise_rate(run, 0.1, 0.1))
+
+
+class Exponential:
+    """A made-up run: a rise to 1.05 m/s after a step."""
+
+    t_end = 3.0
+
+    def __init__(self, volts, rate):
+        self.set_velocity = lambda t: volts
+        self.rate = rate
+
+    def __call__(self, t):
+        return np.array([0 * t, 1.05 * (1 - np.exp(-self.rate * t))])
+
+
+@pytest.mark.parametrize("rate", [1.1, 2.0, 15.0])
+def test_the_rise_ends_at_the_set_velocity(rate):
+    assert rise(Exponential(10.0, rate)) == pytest.approx(rate, rel=1e-6)
+    assert math.isnan(rise(Exponential(11.0, rate)))  # which it never reaches
+    assert math.isnan(rise(Exponential(10.0, 40.0)))  # which it reaches before 0.1 s
+
+
+def test_the_initial_slope_by_integrals():
+    """Of a line fitted to a continuous curve, and of the published run by F = m a."""
+    run = Exponential(10.0, 2.0)
+    moment, _ = quad(lambda t: (t - 0.05) * run(t)[1], 0.0, 0.1)
+    # the fit has 1001 samples, whose ends weigh twice as much as in the integral: 0.1 %
+    assert initial_slope(run) == pytest.approx(12 * moment / 0.1**3, rel=2e-3)
+    p = AxisParameters.paper_x_axis()
+    published = simulate(p, 10.0, 0.2)
+    pushed = p.K_b * p.K_i * p.V_L * p.r_g / (p.J_m + p.r_g**2 * p.M)
+    # the current is a little below its limit, and friction slows the arm
+    assert 0.9 * pushed < initial_slope(published) < pushed
+
+
+def test_what_is_nearest_to_a_target():
+    near, met = nearest(math.cos, np.linspace(0, 10, 50), 0.5)
+    assert met
+    assert sorted(near) == pytest.approx([x * np.pi for x in (1 / 3, 5 / 3, 7 / 3)], abs=1e-11)
+    near, met = nearest(lambda x: 2.0 if x < 1 else 5.0, [0.0, 3.0], 3.0)
+    assert not met
+    assert near == pytest.approx([1.0, 1.0], abs=2e-9)
+    assert near[0] < 1 < near[1]  # 2 is nearer to 3 than 5 is
+    assert nearest(math.cos, [0.0, 1.0], 3.0) == ([], False)
 
 
 def test_crossings_of_a_cosine():

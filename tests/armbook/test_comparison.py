@@ -6,11 +6,16 @@ import pytest
 
 from armbook.comparison import (
     EXPONENTIAL,
+    NORMS,
     candidates,
     cheapest,
     compare,
     cpu_change,
+    norms,
+    ratios,
+    spread,
     step_size_for,
+    steps_for,
 )
 from armbook.peers import peers
 from armbook.problems import linear_problem
@@ -103,3 +108,53 @@ def test_the_step_for_an_error_of_a_power_law(order):
     assert step_size_for(3 * 2e-3**order, steps, errors) == pytest.approx(2e-3, rel=1e-12)
     assert np.isnan(step_size_for(2 * errors[0], steps, errors))
     assert np.isnan(step_size_for(errors[-1] / 2, steps, errors))
+
+
+def test_the_steps_from_which_on_all_meet_an_error():
+    steps = np.array([2, 3, 5, 8, 13])
+    assert steps_for(1.0, steps, np.array([9, 0.5, 2, 1, 0.1])) == 8
+    assert steps_for(1.0, steps, np.array([np.nan, 0.5, 1, 1, 0.1])) == 3
+    assert steps_for(9.0, steps, np.arange(5.0)) == 2
+    assert np.isnan(steps_for(1.0, steps, np.array([1, 1, 1, 1, 2.0])))
+
+
+# --- two methods --------------------------------------------------------------------------------
+
+
+def test_norms_of_made_up_errors():
+    """Position and velocity err by sines, the current by a peak at the start."""
+    t = np.linspace(0, 1, 10_001)[1:]
+    errors = np.array([np.sin(np.pi * t), 3 * np.sin(np.pi * t), 9 * np.exp(-t / 1e-4)])
+    found = {key: norm(t, errors) for key, (_, norm) in NORMS.items()}
+    assert found["whole"] == pytest.approx(9 * np.exp(-1))  # at the first of the times
+    assert found["late"] == pytest.approx(3)
+    assert found["motion"] == pytest.approx(3)
+    assert found["end"] == pytest.approx(0, abs=1e-14)
+    assert found["rms"] == pytest.approx(3 / np.sqrt(2), rel=1e-6)
+
+
+def test_norms_of_runs_by_hand(linear):
+    RK6 = tableaux.RK6.name
+    found = norms(linear, [tableaux.RK6, tableaux.EULER], [H, H / 2])
+    assert set(found) == {(key, method) for key in NORMS for method in (RK6, "Euler")}
+    A, B = LinearAxis(P).state_space()
+    exact = LinearAxis(P).step_response(10.0)
+    for n, h in enumerate((H, H / 2)):
+        run = integrate(lambda t, y: A @ y + 10.0 * B, (0.0, 0.02), np.zeros(4), tableaux.EULER, h)
+        off = np.abs(P.r_g * run.y[1] - exact.velocity(run.t)) / exact.velocity(run.t).max()
+        assert found["end", "Euler"][n] >= off[-1] * (1 - 1e-3)  # of the worst output
+        assert found["motion", "Euler"][n] == pytest.approx(off.max(), rel=0.05)  # every 0.2 ms
+    assert found["whole", RK6][1] < found["whole", RK6][0] / 30
+
+
+def test_ratios_of_made_up_errors():
+    one = np.array([4.0, 1.0, 6.0, 1e-9, 3.0])
+    other = np.array([2.0, 4.0, 2.0, 2.0, 1e-9])
+    found = ratios(one, other, 1e-8)
+    assert list(np.isnan(found)) == [False, False, False, True, True]
+    known = sorted([4 / 2, 1 / 4, 6 / 2])
+    told = spread(found)
+    assert (told["least"], told["median"], told["most"]) == tuple(known)
+    assert told["ahead"] == pytest.approx(100 / 3)
+    assert np.isfinite(ratios(one, other)).all()
+    assert np.isnan(list(spread(ratios(one, other, 10.0)).values())).all()

@@ -85,6 +85,18 @@ def test_lines_of_one_axes_differ_in_colour_and_in_dashes():
     assert len(set(figures.MARKERS)) == 5
 
 
+def test_curves_of_a_family_have_markers_or_the_looks_that_are_given():
+    _, ax = plt.subplots()
+    x, curves = [1.0, 2.0], {"one": [1.0, 4.0], "two": [2.0, 3.0]}
+    lines = figures.family(ax, x, curves)
+    assert [line.get_marker() for line in lines] == list(figures.MARKERS[:2])
+    assert [line.get_label() for line in lines] == list(curves)
+    lines = figures.family(ax, x, curves, {"two": {"marker": "P"}}, lw=3)
+    assert [line.get_marker() for line in lines] == ["None", "P"]
+    assert [line.get_linewidth() for line in lines] == [3, 3]
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+
+
 def test_stack_has_axes_of_one_height_on_one_time_axis():
     figures.use()
     names = ["velocity / (m/s)", "motor current / A", "f"]

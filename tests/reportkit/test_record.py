@@ -2,13 +2,15 @@
 
 import json
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from reportkit import figures
 from reportkit import record as module
-from reportkit.record import RESULTS_VARIABLE, Study, scientific
+from reportkit.record import RESULTS_VARIABLE, Study, cell, scientific
 
 
 @pytest.fixture
@@ -29,6 +31,30 @@ def shown(monkeypatch):
 def study(tmp_path, monkeypatch, glued, shown):
     monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path / "results"))
     return Study("20_topic")
+
+
+def test_a_study_sets_the_style_of_figures(tmp_path, monkeypatch):
+    monkeypatch.setenv(RESULTS_VARIABLE, str(tmp_path))
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        Study("20_topic")
+        assert mpl.rcParams["figure.figsize"][0] == figures.WIDTH
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "text"),
+    [
+        (1.234, ".2f", "1.23"),
+        (-1.5, ".1f", "−1.5"),
+        (-0.001, "z.2f", "0.00"),
+        (12, "g", "12"),
+        (np.float64(np.nan), ".2f", "–"),
+        (np.inf, ".1f", "inf"),
+    ],
+)
+def test_a_number_in_a_cell(value, form, text):
+    assert cell(value, form) == text
+    assert cell(value) == cell(value, ".2f")
 
 
 def figure() -> Figure:

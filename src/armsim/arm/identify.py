@@ -254,17 +254,9 @@ def fit(
     ends = [problem.solve(start) for start in [first, *(low + spread * (high - low))]]
     best = min(ends, key=lambda end: end.cost)
     bias, drift = np.linalg.lstsq(problem.line, -problem.misfit(best.x)[2], rcond=None)[0].tolist()
-    return Fit(
-        problem,
-        best.x,
-        _covariance(problem.jacobian(best.x)),
-        best.fun.reshape(3, -1),
-        bias,
-        drift,
-        np.array([2 * end.cost for end in ends]),
-        sum(end.nfev for end in ends),
-        best.status > 0,
-    )
+    covariance, residuals = _covariance(problem.jacobian(best.x)), best.fun.reshape(3, -1)
+    ended, nfev = np.array([2 * end.cost for end in ends]), sum(end.nfev for end in ends)
+    return Fit(problem, best.x, covariance, residuals, bias, drift, ended, nfev, best.status > 0)
 
 
 def _covariance(slopes: np.ndarray) -> np.ndarray:

@@ -16,12 +16,15 @@ from typing import Any
 
 import numpy as np
 
+from armsim.arm import response
 from armsim.arm.dynamics import Region, affine
 from armsim.arm.parameters import AxisParameters
 from armsim.checks import checked_number
 
 #: Region of steady forward motion: no limit active, teeth engaged, no static friction.
 ENGAGED = Region(preamplifier=0, power=0, contact=1, friction=0)
+#: Changes of an axis that leave no play, no static friction and no limit in reach.
+UNLIMITED = {"H": 0.0, "F_0": 0.0, "V_L": 1e9, "V_M": 1e9}
 _ZERO = 1e-6  # 1/s; smaller eigenvalues are the zeros of the positions, up to rounding
 
 
@@ -57,14 +60,9 @@ class LinearAxis:
         """
         p, T2 = self.parameters, self.parameters.T_p * self.parameters.T_r
         torque = p.K_b * p.K_i / self.J
-        A = np.array(
-            [
-                [0, 1, 0, 0],
-                [0, -self.B / self.J, torque, torque * p.T_z],
-                [0, 0, 0, 1],
-                [0, -p.K_2 * p.K_t / T2, -1 / T2, -(p.T_p + p.T_r) / T2],
-            ]
-        )
+        motor = [0, -self.B / self.J, torque, torque * p.T_z]
+        lags = [0, -p.K_2 * p.K_t / T2, -1 / T2, -(p.T_p + p.T_r) / T2]
+        A = np.array([[0, 1, 0, 0], motor, [0, 0, 0, 1], lags])
         return A, np.array([0, 0, 0, p.K_1 / T2])
 
     @cached_property
@@ -157,6 +155,11 @@ class StepResponse:
         last = np.flatnonzero(excess(t) > 0)[-1]
         return float(brentq(excess, t[last], t[last + 1]))
 
+    def arrival_time(self, criterion: float = 0.02) -> float:
+        """Time in s at which the velocity first comes within `criterion` of its final value."""
+        t = np.linspace(0, self.settling_time(criterion), 20_001)
+        return response.arrival_time(t, self.velocity(t), (1 - criterion) * self.final)
+
     def peak_current(self) -> float:
         """Largest magnitude of the motor current in A."""
         from scipy.optimize import minimize_scalar  # slow to import
@@ -180,6 +183,19 @@ class StepResponse:
         end = np.log(max(np.abs(self.residues).sum() / rest, 2.0)) / slowest + 1e-9
         fastest = np.abs(self.poles).max()
         return np.union1d(np.linspace(0, end, 20001), np.geomspace(1e-3 / fastest, end, 2001))
+
+
+def nearly_linear(p: AxisParameters, gain: float) -> AxisParameters:
+    """Return an axis whose seven states follow eq. (16) up to a distance in proportion to 1/gain.
+
+    Parameters
+    ----------
+    p : AxisParameters
+        The axis; K_1 is computed anew by its rule.
+    gain : float
+        Forward gain K_e in V/V; the gear's stiffness and friction grow in proportion to it.
+    """
+    return p.replace(**UNLIMITED, K_e=gain, K_g=1e6 * gain, b_g=100 * gain)
 
 
 # --- the seven-state model inside a region ------------------------------------------------------
@@ -214,6 +230,39 @@ def oscillation(
         return nan, nan
     mode = values[np.argmax(values.real)]
     return float(mode.imag / (2 * pi)), float(-mode.real)
+
+
+def growth_rate(p: AxisParameters, where: Region = ENGAGED) -> float:
+    """Largest real part of a region's eigenvalues in 1/s; positive if the loop is unstable."""
+    return float(eigenvalues(p, where).real.max())
+
+
+def arm_mode(p: AxisParameters) -> tuple[float, float]:
+    """Frequency and decay rate of the mode that dominates the arm's ringing: one below 200 Hz.
+
+    NaN if the engaged loop is unstable.
+    """
+    return oscillation(p, highest=200) if growth_rate(p) < 0 else (nan, nan)
+
+
+def fastest_decay(p: AxisParameters, lowest: float, highest: float) -> tuple[float, float]:
+    """T_p in s between two limits for which the mode of `arm_mode` decays fastest, and its rate."""
+    from scipy.optimize import minimize_scalar  # slow to import
+
+    def growth(logarithm: float) -> float:
+        return -arm_mode(p.replace(T_p=float(np.exp(logarithm))))[1]
+
+    best = minimize_scalar(growth, bounds=np.log([lowest, highest]), options={"xatol": 1e-6})
+    return float(np.exp(best.x)), -float(best.fun)
+
+
+def unstable_below(p: AxisParameters, T_p: np.ndarray) -> float:
+    """Largest T_p in s at which the engaged loop becomes unstable; NaN if there is none.
+
+    It is searched for between the values of a grid; see `armsim.arm.response.crossings`.
+    """
+    roots, _ = response.crossings(lambda value: growth_rate(p.replace(T_p=value)), T_p)
+    return max(roots, default=nan)
 
 
 def gear_oscillation(p: AxisParameters) -> tuple[float, float]:

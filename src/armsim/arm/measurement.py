@@ -11,13 +11,7 @@ from armsim.arm.simulate import Schedule
 from armsim.checks import checked_number
 
 #: Columns of a record, in the order of `Measurement`, with the unit of each.
-COLUMNS = {
-    "time": "s",
-    "set_velocity": "V",
-    "position": "m",
-    "velocity": "m/s",
-    "acceleration": "m/s^2",
-}
+COLUMNS = dict(time="s", set_velocity="V", position="m", velocity="m/s", acceleration="m/s^2")
 #: Smallest number of samples in a record: 60 values for about 7 unknowns.
 MIN_SAMPLES = 20
 #: Largest deviation of a sampling interval as a share of the median; allows for rounded times.

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armsim.arm.linear import nearly_linear
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.response import settling_time
 from armsim.arm.simulate import Trajectory, simulate
@@ -57,3 +58,17 @@ def move(p: AxisParameters, control: SlaveControl) -> Move:
     t_end = control.track.duration + REST
     run, t = simulate(p, control=control, t_end=t_end), np.linspace(0.0, t_end, 8001)
     return Move(run, t, run(t), control.track(t))
+
+
+def linear_move(nonlinear: Move, gain: float = 1e5) -> Move:
+    """Let a linear model of the same axis make a move under the same control unit.
+
+    Parameters
+    ----------
+    nonlinear : Move
+        The move of the axis itself.
+    gain : float
+        See `armsim.arm.linear.nearly_linear`.
+    """
+    assert nonlinear.run.control is not None
+    return move(nearly_linear(nonlinear.run.parameters, gain), nonlinear.run.control)

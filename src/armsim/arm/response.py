@@ -17,6 +17,8 @@ from armsim.arm.simulate import Trajectory, simulate
 from armsim.methods import IntegrationError, integrate
 from armsim.methods.tableaux import Tableau
 
+#: Region of the rise: preamplifier at its upper limit, teeth engaged.
+HELD = Region(preamplifier=1, power=0, contact=1, friction=0)
 #: Half-width of the settling band as a share of the final velocity.
 SETTLED = 0.02
 #: Largest number of switching events in a second of a loop that is taken as stable.
@@ -152,6 +154,44 @@ def rise_rate(run: Callable[[np.ndarray], np.ndarray], begin: float, end: float)
     return float(found[2])
 
 
+def rise(run: Trajectory) -> float:
+    """Rate in 1/s of the rise after a step of the set velocity: `rise_rate` from 0.1 s on.
+
+    The fit ends at nine tenths of the time at which the arm first has the set velocity. The result
+    is NaN if the arm never has it, or too early for a fit.
+    """
+    t, goal = np.linspace(0, run.t_end, 20_001), 0.1 * float(run.set_velocity(0.0))
+    return rise_rate(run, 0.1, 0.9 * arrival_time(t, run(t)[1], goal))
+
+
+def initial_slope(run: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Slope in m/s² of a straight line fitted to the arm velocity in the first 0.1 s."""
+    t = np.linspace(0.0, 0.1, 1001)
+    return float(np.polyfit(t, run(t)[1], 1)[0])
+
+
+def nearest(
+    function: Callable[[float], float], grid: Sequence[float] | np.ndarray, target: float
+) -> tuple[list[float], bool]:
+    """Arguments at which a function comes closest to a target, the closest one first.
+
+    Parameters
+    ----------
+    function, grid, target
+        As for `crossings`.
+
+    Returns
+    -------
+    arguments : list of float
+        All roots; if there is none, the two sides of each jump; empty without either.
+    met : bool
+        Whether they are roots.
+    """
+    roots, jumps = crossings(function, grid, target)
+    near = roots or [jump + side for jump in jumps for side in (-1e-9, 1e-9)]
+    return sorted(near, key=lambda x: abs(function(x) - target)), bool(roots)
+
+
 def crossings(
     function: Callable[[float], float], grid: Sequence[float] | np.ndarray, target: float = 0.0
 ) -> tuple[list[float], list[float]]:
@@ -249,6 +289,23 @@ def loop_ringing(run: Trajectory) -> tuple[float, float]:
         return nan, nan
     times = np.linspace(begin, begin + 0.6, 6001)
     return ringing(times, run(times)[1])
+
+
+def gear_ringing(run: Trajectory) -> tuple[float, float]:
+    """Ringing of the gear force from 0.01 s to 0.08 s, while the preamplifier is at its limit.
+
+    The mean force falls slowly as the arm gains speed; `ringing`, which uses differences of
+    extrema, allows for that.
+
+    Returns
+    -------
+    frequency, decay_rate : float
+        See `ringing`; NaN if the run leaves the region `HELD` in that time.
+    """
+    times = np.linspace(0.01, 0.08, 7001)
+    if set(run.regions(times)) != {HELD}:
+        return nan, nan
+    return ringing(times, run.auxiliary(times)["f_g"])
 
 
 class StepQuality(NamedTuple):
