@@ -15,8 +15,6 @@ import numpy as np
 from armsim.exact import modal
 from armsim.exact.modal import TERMS, compiled, inlined, merged
 
-#: Rows of `Work.proof`. Views of rows would cost more than the arithmetic on them.
-SLOPE, CURVE, BEND, TWIST, UP, DOWN, STEADY = range(7)
 #: Rounding error allowed for a sum, relative to the sum of the magnitudes of its terms.
 ROUNDING = 16 * float(np.finfo(float).eps)
 #: Smaller numbers may have lost digits to underflow; guards treat them as zero.
@@ -37,76 +35,78 @@ class Mode(NamedTuple):
     upper: np.ndarray  #: (g,) upper limits, possibly inf
 
 
-class Work(NamedTuple):
-    """Workspace for one piece, with n states and g guards."""
+class Proof(NamedTuple):
+    """Bounds of a guard from some time on; of n modes each entry k has two kinds.
 
-    state: np.ndarray  #: (n,) z at the start
-    slope: np.ndarray  #: (n,) ż at the start
-    amplitude: np.ndarray  #: (n,) complex amplitude of each mode in ż
-    taylor: np.ndarray  #: (TERMS, n)
-    value: np.ndarray  #: (g,) guard values at the start
-    noise: np.ndarray  #: (g,) rounding error allowed for the value
+    The first four are of the k slowest modes together, for k up to n. The others are of mode k.
+    """
+
+    slope: np.ndarray  #: (n + 1,)
+    curve: np.ndarray  #: (n + 1,) second derivative
+    bend: np.ndarray  #: (n + 1,) bound of its magnitude from now on
+    twist: np.ndarray  #: (n + 1,) bound of the third derivative
+    up: np.ndarray  #: (n + 1,) bound of the rise that the mode can still cause
+    down: np.ndarray  #: (n + 1,) bound of the fall
+    steady: np.ndarray  #: (n + 1,) limiting slope
+
+
+class Work(NamedTuple):
+    """Workspace for the guards of one piece, with n states and g guards."""
+
     order: np.ndarray  #: (g,) 0 between the limits; on one, order of the first nonzero derivative
     derivative: np.ndarray  #: (g,) magnitude of that derivative
+    value: np.ndarray  #: (g,) guard values at the start
+    noise: np.ndarray  #: (g,) rounding error allowed for the value
+    rest: np.ndarray  #: (g,) value at the equilibrium
+    rest_noise: np.ndarray  #: (g,) rounding error allowed for it
+    decay: np.ndarray  #: (g,) least rate of decay to it; 0 if the guard does not settle
     drift: np.ndarray  #: (g,) constant part of the slope, from states that are integrals
+    proven: np.ndarray  #: (g,) time up to which each guard is proven to stay in its limits
+    step: np.ndarray  #: (g,) last step of the proof
     c: np.ndarray  #: (g, n) complex amplitude of each mode in the slope
     d: np.ndarray  #: (g, n) complex amplitude in the curvature, from integrals
     curvature: np.ndarray  #: (g, n) complex amplitude in the whole curvature
-    size: np.ndarray  #: (g, n) modulus of `curvature`
     disc: np.ndarray  #: (g, n) complex amplitude in the guard itself
+    size: np.ndarray  #: (g, n) modulus of `curvature`
     radius: np.ndarray  #: (g, n) modulus of `disc`
     change: np.ndarray  #: (g, TERMS) Taylor coefficients
-    proven: np.ndarray  #: (g,) time up to which each guard is proven to stay in its limits
-    step: np.ndarray  #: (g,) last step of the proof
-    proof: np.ndarray  #: (7, n + 1) see `_gain_modal`
+    proof: Proof
 
 
 @compiled
 def work_room(n, guards):
     """Allocate the workspace for n states and a number of guards."""
-    number = np.complex128
-    return Work(
-        np.empty(n),
-        np.empty(n),
-        np.empty(n, number),
-        np.empty((TERMS, n)),
-        np.empty(guards),
-        np.empty(guards),
-        np.empty(guards, np.int64),
-        np.empty(guards),
-        np.empty(guards),
-        np.empty((guards, n), number),
-        np.empty((guards, n), number),
-        np.empty((guards, n), number),
-        np.empty((guards, n)),
-        np.empty((guards, n), number),
-        np.empty((guards, n)),
-        np.empty((guards, TERMS)),
-        np.empty(guards),
-        np.empty(guards),
-        np.empty((7, n + 1)),
+    r, c, m = (
+        np.empty((9, guards)),
+        np.empty((4, guards, n), np.complex128),
+        np.empty((2, guards, n)),
     )
+    order, change, p = np.empty(guards, np.int64), np.empty((guards, TERMS)), np.empty((7, n + 1))
+    proof = Proof(p[0], p[1], p[2], p[3], p[4], p[5], p[6])
+    numbers = r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]
+    return Work(order, *numbers, c[0], c[1], c[2], c[3], m[0], m[1], change, proof)
 
 
 @compiled
-def set_slope(here, z, slope):
+def set_slope(A, b, z, slope):
     """Set `slope` to A z + b; return whether it is finite."""
     finite = True
     for i in range(z.size):
-        slope[i] = here.b[i]
+        slope[i] = b[i]
         for j in range(z.size):
-            slope[i] += here.A[i, j] * z[j]
+            slope[i] += A[i, j] * z[j]
         finite = finite and math.isfinite(slope[i])
     return finite
 
 
 @compiled
-def stand(here, z, w):
+def stand(here, start, w):
     """Classify each guard at the start of a piece; return the one that leaves, and its side.
 
     For a guard on a limit, the sign of the first derivative that exceeds rounding decides whether
     it leaves or turns inwards.
     """
+    z = start.state
     for g in range(here.lower.size):
         lower, upper, value, sizes = here.lower[g], here.upper[g], 0.0, 0.0
         for i in range(z.size):
@@ -120,7 +120,7 @@ def stand(here, z, w):
             continue
         if value > upper + noise or value < lower - noise:
             return g, side
-        derivative = _first_derivative(g, here, z, w)
+        derivative = _first_derivative(g, here, start, w)
         w.derivative[g] = abs(derivative)
         if side * derivative > 0.0:
             return g, side
@@ -128,13 +128,13 @@ def stand(here, z, w):
 
 
 @inlined
-def _first_derivative(g, here, z, w):
+def _first_derivative(g, here, start, w):
     """Return the first derivative of a guard that exceeds rounding, and set its order."""
-    n = z.size
+    z, n = start.state, start.state.size
     derivative = sizes = 0.0
     for i in range(n):
         if here.normal[g, i] != 0.0:
-            derivative += here.normal[g, i] * w.slope[i]
+            derivative += here.normal[g, i] * start.slope[i]
             size = abs(here.b[i])
             for j in range(n):
                 size += abs(here.A[i, j] * z[j])
@@ -142,7 +142,7 @@ def _first_derivative(g, here, z, w):
     w.order[g] = 1
     if abs(derivative) > ROUNDING * sizes:
         return derivative
-    v, size_of_A = w.slope, np.abs(here.A)
+    v, size_of_A = start.slope, np.abs(here.A)
     size_of_v = size_of_A @ np.abs(z) + np.abs(here.b)
     while w.order[g] <= n:
         w.order[g] += 1
@@ -158,38 +158,42 @@ def _first_derivative(g, here, z, w):
 
 @inlined
 def _modulus(z):
-    """Modulus of a complex number, by the slower function only if the squares overflow."""
+    """Modulus of a complex number, by the slower function only beyond the range of squares."""
     size = math.sqrt(z.real**2 + z.imag**2)
-    return size if size < math.inf else math.hypot(z.real, z.imag)
+    return size if 1e-140 < size < math.inf else math.hypot(z.real, z.imag)
 
 
 @merged
-def _resolve(g, here, m, place, modes, w):
+def _resolve(g, here, p, w):
     """Set the coefficients of a guard's closed form in the piece."""
-    w.drift[g] = 0.0
-    for k in range(modes):
+    w.drift[g] = w.rest[g] = w.rest_noise[g] = 0.0
+    w.decay[g] = math.inf
+    for k in range(p.modes):
         w.c[g, k] = w.d[g, k] = 0.0
     for j in range(TERMS):
         w.change[g, j] = 0.0
-    for i in range(w.slope.size):
+    for i in range(p.unit.size):
         normal = here.normal[g, i]
         if normal == 0.0:
             continue
-        integral = m.unit[place, i] == 0.0
-        if modes == 0:
+        w.rest[g] += normal * p.start.rest[i]
+        w.rest_noise[g] += ROUNDING * abs(normal) * p.start.rest_size[i]
+        w.decay[g] = min(w.decay[g], p.start.decay[i])
+        integral = p.unit[i] == 0.0
+        if p.modes == 0:
             for j in range(TERMS):
-                w.change[g, j] += normal * w.taylor[j, i]
+                w.change[g, j] += normal * p.start.taylor[j, i]
         elif integral:
-            w.drift[g] += normal * w.slope[i]
-        for k in range(modes):
-            term = normal * m.column[place, i, k] * w.amplitude[k]
+            w.drift[g] += normal * p.start.slope[i]
+        for k in range(p.modes):
+            term = normal * p.column[i, k] * p.start.amplitude[k]
             if integral:
                 w.d[g, k] += term
             else:
                 w.c[g, k] += term
-    for k in range(modes):
-        curvature = w.c[g, k] * m.rate[place, k] + w.d[g, k]
-        disc = curvature * m.inverse[place, k] * m.inverse[place, k]
+    for k in range(p.modes):
+        curvature = w.c[g, k] * p.rate[k] + w.d[g, k]
+        disc = curvature * p.inverse[k] * p.inverse[k]
         w.curvature[g, k], w.disc[g, k] = curvature, disc
         w.size[g, k], w.radius[g, k] = _modulus(curvature), _modulus(disc)
 
@@ -208,25 +212,23 @@ def _box(rate, centre, radius):
 
 
 @merged
-def _gain_modal(g, m, place, s, rest, w):
-    """Return gain and slope of a guard at `s`, the sum of its terms' magnitudes, and the reach.
+def _gain_modal(g, p, s, rest, w):
+    """Return gain and slope of a guard at `s`, the gain's noise, the reach; the rest and its noise.
 
     The gain is drift s + Σ Re(c E₁(λ, s) + d E₂(λ, s)). The proof holds for steps up to the reach.
-    Column k of `w.proof` describes the k slowest modes together: slope, second derivative, and
-    bounds of the second and third derivatives. It also describes mode k alone: bounds on the rise
-    and fall it can still cause, and its limiting slope. `rest` is the remaining time of the piece.
+    `rest` is the remaining time of the piece.
     """
     proof = w.proof
     gain, sizes, reach = w.drift[g] * s, abs(w.drift[g] * s), rest
-    slope, curve, bend, twist = w.drift[g], 0.0, 0.0, 0.0
-    for k in range(m.modes[place]):
-        proof[SLOPE, k], proof[CURVE, k] = slope, curve
-        proof[BEND, k], proof[TWIST, k] = bend, twist
-        proof[UP, k] = proof[DOWN, k] = proof[STEADY, k] = 0.0
+    slope, curve, bend, twist, remains, remains_size = w.drift[g], 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(p.modes):
+        proof.slope[k], proof.curve[k] = slope, curve
+        proof.bend[k], proof.twist[k] = bend, twist
+        proof.up[k] = proof.down[k] = proof.steady[k] = 0.0
         c, d, size = w.c[g, k], w.d[g, k], w.size[g, k]
         if size == 0.0 and c == 0.0:
             continue
-        rate, inverse = m.rate[place, k], m.inverse[place, k]
+        rate, inverse = p.rate[k], p.inverse[k]
         power, first, second = modal.integrals(rate, inverse, s)
         one, two = c * first, d * second
         gain += one.real + two.real
@@ -234,23 +236,24 @@ def _gain_modal(g, m, place, s, rest, w):
         slope += (c * power + d * first).real
         curve += (w.curvature[g, k] * power).real
         left = _modulus(power)
-        centre = (w.disc[g, k] * power).real
-        proof[UP, k], proof[DOWN, k] = _box(rate, centre, w.radius[g, k] * left)
+        centre, radius = (w.disc[g, k] * power).real, w.radius[g, k] * left
+        remains, remains_size = remains + centre, remains_size + radius
+        proof.up[k], proof.down[k] = _box(rate, centre, radius)
         if rate.real < 0.0 or rate.imag != 0.0:
-            proof[STEADY, k] = -(d * inverse).real
+            proof.steady[k] = -(d * inverse).real
         if rate.real > 0.0:
             reach = min(reach, 1.0 / rate.real)
             left *= math.exp(min(1.0, rate.real * rest))
         bend += size * left
-        twist += size * left * m.speed[place, k]
-    k = m.modes[place]
-    proof[SLOPE, k], proof[CURVE, k], proof[BEND, k], proof[TWIST, k] = slope, curve, bend, twist
-    return gain, slope, sizes, reach
+        twist += size * left * p.speed[k]
+    k = p.modes
+    proof.slope[k], proof.curve[k], proof.bend[k], proof.twist[k] = slope, curve, bend, twist
+    return gain, slope, sizes, reach, remains, remains_size
 
 
 @merged
 def _gain_series(g, s, end, w):
-    """Counterpart of `_gain_modal` for a Taylor series, which fills column 0 of `w.proof`."""
+    """Counterpart of `_gain_modal` for a Taylor series, which fills entry 0 of `w.proof`."""
     gain = slope = curve = sizes = bend = twist = 0.0
     for j in range(TERMS - 1, -1, -1):
         term = w.change[g, j]
@@ -262,24 +265,26 @@ def _gain_series(g, s, end, w):
             bend = bend * end + (j + 1) * j * abs(term)
         if j > 1:
             twist = twist * end + (j + 1) * j * (j - 1) * abs(term)
-    w.proof[SLOPE, 0], w.proof[CURVE, 0] = slope, curve
-    w.proof[BEND, 0], w.proof[TWIST, 0] = bend, twist
-    return gain, slope, sizes, end - s
+    w.proof.slope[0], w.proof.curve[0] = slope, curve
+    w.proof.bend[0], w.proof.twist[0] = bend, twist
+    return gain, slope, sizes, end - s, 0.0, 0.0
 
 
 @inlined
 def _longest(room, slope, bend):
-    """Return the largest u for which slope u + bend u²/2 ≤ room."""
+    """Return the largest u for which slope u + bend u²/2 ≤ room.
+
+    Of ratios alone, since squares of very large or small numbers leave the range of floats.
+    """
     if room == math.inf:
         return math.inf
     if room <= 0.0:
         return 0.0
-    root = math.sqrt(slope * slope + 2.0 * bend * room)
-    if root == math.inf:  # the squares overflow
-        root = math.hypot(slope, math.sqrt(2.0 * bend) * math.sqrt(room))
-    if slope > 0.0:
-        return room / (0.5 * (slope + root))
-    return (root - slope) / bend if bend > 0.0 else math.inf
+    if abs(slope) < TINY:
+        return math.sqrt(2.0 * room / bend)
+    ratio, turn = room / slope, slope / bend
+    root = 1.0 + math.sqrt(1.0 + 2.0 * ratio / turn)
+    return 2.0 * ratio / root if slope > 0.0 else -turn * root
 
 
 @inlined
@@ -303,39 +308,45 @@ def _safe_step(above, below, modes, rest, proof):
     followed = modes
     for k in range(modes, -1, -1):
         if k < modes:
-            above, below = above - proof[UP, k], below - proof[DOWN, k]
-            boxed += proof[STEADY, k]
+            above, below = above - proof.up[k], below - proof.down[k]
+            boxed += proof.steady[k]
             if not (above > 0.0 and below > 0.0):
                 break
-        total, bend = proof[SLOPE, k] + boxed, proof[BEND, k]
+        total, bend = proof.slope[k] + boxed, proof.bend[k]
         step = min(_longest(above, total, bend), _longest(below, -total, bend))
         if step >= rest:
             return rest
         if step > best:
             best, best_above, best_below, tilt, followed = step, above, below, total, k
-    curve, twist = proof[CURVE, followed], proof[TWIST, followed]
+    curve, twist = proof.curve[followed], proof.twist[followed]
     return min(_carried_on(best, best_above, best_below, tilt, curve, twist), rest)
 
 
 @merged
-def _prove(g, m, place, modes, lower, upper, end, w):
+def _prove(g, p, lower, upper, end, w):
     """Advance the proof for a guard by one step; return the side of a limit it reaches, or 0.
 
-    If it reaches a limit, the proof ends at the crossing.
+    If it reaches a limit, the proof ends at the crossing. What is not a number counts as a limit.
     """
     s = w.proven[g]
-    if modes > 0:
-        gain, slope, sizes, reach = _gain_modal(g, m, place, s, end - s, w)
+    if p.modes > 0:
+        gain, slope, sizes, reach, remains, remains_size = _gain_modal(g, p, s, end - s, w)
     else:
-        gain, slope, sizes, reach = _gain_series(g, s, end, w)
-    error = w.noise[g] + ROUNDING * (sizes + abs(slope) * s)
-    above, below = upper - w.value[g] - gain, w.value[g] + gain - lower
-    if above <= error or below <= error:
+        gain, slope, sizes, reach, remains, remains_size = _gain_series(g, s, end, w)
+    value, error = w.value[g] + gain, w.noise[g] + ROUNDING * (sizes + abs(slope) * s)
+    if w.decay[g] * s > modal.SETTLED:
+        value = w.rest[g] + remains
+        error = w.rest_noise[g] + ROUNDING * (remains_size + abs(slope) * s) + TINY
+    gap = min(abs(w.rest[g] - lower), abs(upper - w.rest[g]))
+    if w.decay[g] > 0.0 and w.rest_noise[g] < gap <= error:  # wait until the error is smaller
+        reach = min(reach, 1.01 * modal.SETTLED / w.decay[g])
+    above, below = upper - value, value - lower
+    if not (above > error and below > error):
         side, room = (1, above) if above <= error else (-1, below)
         if abs(room) < side * slope * w.step[g]:  # a final Newton step
             w.proven[g] = min(s + room / abs(slope), end)
         return side
-    w.step[g] = _safe_step(above + error, below + error, modes, reach, w.proof)
+    w.step[g] = _safe_step(above + error, below + error, p.modes, reach, w.proof)
     w.proven[g] = s + w.step[g]
     return 0
 
@@ -353,7 +364,7 @@ def _series_bound(coefficients, order, end):
 
 
 @merged
-def _clearance(g, m, place, modes, width, end, w):
+def _clearance(g, p, width, end, w):
     """Time at which a guard that turns inwards is clear of its limit and short of the other.
 
     D is the first nonzero derivative, of order o. In g ≥ |D| uᵒ/o! - bound uᵒ⁺¹/(o+1)! its term
@@ -361,14 +372,14 @@ def _clearance(g, m, place, modes, width, end, w):
     """
     order, derivative, u = w.order[g], w.derivative[g], end
     bound = _series_bound(w.change[g], order + 1, end)
-    for k in range(modes):
-        rate, size = m.rate[place, k], w.size[g, k] * m.speed[place, k] ** (order - 1)
+    for k in range(p.modes):
+        rate, size = p.rate[k], w.size[g, k] * p.speed[k] ** (order - 1)
         if rate.real > 0.0:
             u = min(u, 1.0 / rate.real)
             size *= math.exp(min(1.0, rate.real * end))
         bound += size
     if derivative == 0.0:  # no derivative exceeds rounding
-        return u if _rests(g, m, place, modes, u, w) else min(u, 1e-3 * m.reach[place])
+        return u if _rests(g, p, u, w) else min(u, 1e-3 * p.reach)
     factorial = 1.0
     for factor in range(2, order + 1):
         factorial *= factor
@@ -387,19 +398,19 @@ def _farthest(coefficients, end):
 
 
 @compiled
-def _rests(g, m, place, modes, end, w):
+def _rests(g, p, end, w):
     """Whether a guard provably stays constant to within rounding."""
     farthest = abs(w.drift[g]) * end
-    for k in range(modes):
-        if m.rate[place, k].real <= 0.0 and m.rate[place, k] != 0.0:
-            farthest += 2.0 * w.radius[g, k] + abs(w.d[g, k] * m.inverse[place, k]) * end
+    for k in range(p.modes):
+        if p.rate[k].real <= 0.0 and p.rate[k] != 0.0:
+            farthest += 2.0 * w.radius[g, k] + abs(w.d[g, k] * p.inverse[k]) * end
         elif w.size[g, k] > 0.0 or w.c[g, k] != 0.0:
             return False
     return farthest + _farthest(w.change[g], end) <= w.noise[g]
 
 
 @compiled
-def first_crossing(here, m, place, modes, end, longest_search, w):
+def first_crossing(here, p, end, longest_search, w):
     """Return the length of the piece, at most `end`; the guard that ends it, or -1; and its side.
 
     The guard with the shortest proven interval is advanced until all are proven up to the end or
@@ -408,13 +419,13 @@ def first_crossing(here, m, place, modes, end, longest_search, w):
     guards = here.lower.size
     for g in range(guards):
         lower, upper = here.lower[g], here.upper[g]
-        _resolve(g, here, m, place, modes, w)
+        _resolve(g, here, p, w)
         w.proven[g] = w.step[g] = 0.0
         if lower == -math.inf and upper == math.inf:
             w.proven[g] = end
         elif w.order[g] > 0:
-            w.proven[g] = _clearance(g, m, place, modes, upper - lower, end, w)
-        elif modes == 0:
+            w.proven[g] = _clearance(g, p, upper - lower, end, w)
+        elif p.modes == 0:
             farthest = _farthest(w.change[g], end)
             if lower + farthest < w.value[g] < upper - farthest:
                 w.proven[g] = end
@@ -426,7 +437,7 @@ def first_crossing(here, m, place, modes, end, longest_search, w):
                 g = other
         if guards == 0 or w.proven[g] >= end:
             return end, first, side
-        hit = _prove(g, m, place, modes, here.lower[g], here.upper[g], end, w)
+        hit = _prove(g, p, here.lower[g], here.upper[g], end, w)
         if hit != 0:
             end, first, side = w.proven[g], g, hit
     return 0.0, GIVEN_UP, 0

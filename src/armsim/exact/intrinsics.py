@@ -16,21 +16,28 @@ from numba.extending import get_cython_function_address, intrinsic
 # --- arrays without reference counts ----------------------------------------------------------
 
 
+def _uncounted(context, builder, kind, value):
+    if isinstance(kind, types.BaseTuple):
+        for n, item in enumerate(kind.types):
+            part = _uncounted(context, builder, item, builder.extract_value(value, n))
+            value = builder.insert_value(value, part, n)
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        array.parent = cgutils.get_null_value(array.parent.type)
+        return array._getvalue()
+    return value
+
+
 @intrinsic
 def borrowed(typing, arrays):
-    """The same tuple of arrays, without reference counts.
+    """The same tuple of arrays, or of tuples of them, without reference counts.
 
     What it is made from must be passed to `keep_alive` after the last use of these arrays.
     """
 
     def code(context, builder, signature, arguments):
-        (borrow,) = arguments
-        for n, kind in enumerate(arrays.types):
-            array = context.make_array(kind)(context, builder, builder.extract_value(borrow, n))
-            array.meminfo = cgutils.get_null_value(array.meminfo.type)
-            array.parent = cgutils.get_null_value(array.parent.type)
-            borrow = builder.insert_value(borrow, array._getvalue(), n)
-        return borrow
+        return _uncounted(context, builder, arrays, arguments[0])
 
     return arrays(arrays), code
 

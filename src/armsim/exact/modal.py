@@ -38,6 +38,9 @@ TERMS = 19
 #: Largest number of pieces for which the Taylor series is used.
 MAX_PIECES = 1_000_000
 
+#: A state that has decayed by this many time constants is computed from its equilibrium.
+SETTLED = 7.0
+
 UNKNOWN, DEFECTIVE = -2, -1
 
 
@@ -59,19 +62,10 @@ class Matrices(NamedTuple):
 @compiled
 def room_for(k, n):
     """Allocate storage for `k` matrices of `n` rows."""
-    number = np.complex128
-    return Matrices(
-        np.empty((k, n, n)),
-        np.empty((k, n)),
-        np.empty(k),
-        np.empty(k),
-        np.empty(k, np.int64),
-        np.empty((k, n), number),
-        np.empty((k, n), number),
-        np.empty((k, n)),
-        np.empty((k, n, n), number),
-        np.empty((k, n, n), number),
-    )
+    square, row = np.empty((2, k, n, n), np.complex128), np.empty((2, k, n), np.complex128)
+    A, reach, loss, modes = np.empty((k, n, n)), np.empty(k), np.empty(k), np.empty(k, np.int64)
+    unit, speed = np.empty((k, n)), np.empty((k, n))
+    return Matrices(A, unit, reach, loss, modes, row[0], row[1], speed, square[0], square[1])
 
 
 # --- exp(λt) and its integrals ----------------------------------------------------------------
@@ -298,7 +292,7 @@ def _refine(C, V, rate):
     condition = (np.abs(V) @ np.abs(W)).sum(axis=1).max()
     if not condition < WELL_CONDITIONED:
         condition = _cancellation(V, W, rate)
-    return W, condition * (4 * n * EPS + largest**2 + left)
+    return W, condition * (4 * (n + 2) * EPS + largest**2 + left)
 
 
 @compiled
@@ -355,7 +349,7 @@ def decompose(m, place, pieces):
         for j in range(size):
             C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
     short = pieces < MAX_PIECES
-    m.modes[place], m.loss[place] = DEFECTIVE, 4 * size * EPS if short else math.inf
+    m.modes[place], m.loss[place] = DEFECTIVE, 4 * (size + 2) * EPS if short else math.inf
     if not _blockwise(C.real, rate, V):
         return
     W, loss = _refine(C, V, rate)
@@ -363,22 +357,14 @@ def decompose(m, place, pieces):
         return
     m.loss[place] = loss
     kept = total = 0
-    for _ in range(size):
-        k = 0
-        for other in range(1, size):
-            if abs(rate[other]) < abs(rate[k]):
-                k = other
-        value, rate[k] = rate[k], math.inf
+    for k in np.argsort(np.abs(rate)):
         # The weight of a pair is 2. Its eigenvector is independent of its conjugate and therefore
         # far from real, whereas eigenvectors of real eigenvalues are computed as real.
-        weight = 1
-        for i in range(size):
-            weight = 2 if abs(V[i, k].imag) > 1e-7 else weight
-        if weight == 2 and value.imag < 0.0:
-            continue
-        value = value if weight == 2 else complex(value.real)
-        _keep(m, place, kept, value, weight, V[:, k], W[k], core)
-        kept, total = kept + 1, total + weight
+        weight = 2 if np.abs(V[:, k].imag).max() > 1e-7 else 1
+        if weight == 1 or rate[k].imag > 0.0:
+            value = rate[k] if weight == 2 else complex(rate[k].real)
+            _keep(m, place, kept, value, weight, V[:, k], W[k], core)
+            kept, total = kept + 1, total + weight
     if total == size:
         m.modes[place] = kept
 
@@ -386,44 +372,98 @@ def decompose(m, place, pieces):
 # --- a piece: its formula ---------------------------------------------------------------------
 
 
-@compiled
-def set_amplitudes(m, place, slope, amplitude):
-    """Set the amplitude of each mode in the slope at the start of a piece."""
-    for k in range(m.modes[place]):
-        total = 0j
-        for i in range(slope.size):
-            total += m.row[place, k, i] * slope[i]
-        amplitude[k] = total
+class Start(NamedTuple):
+    """What the start of a piece adds to its matrix."""
+
+    state: np.ndarray  #: (n,) z
+    slope: np.ndarray  #: (n,) ż
+    amplitude: np.ndarray  #: (n,) complex amplitude of each mode in ż
+    taylor: np.ndarray  #: (TERMS, n) coefficients of u, u², …
+    rest: np.ndarray  #: (n,) equilibrium
+    rest_size: np.ndarray  #: (n,) sum of the magnitudes of its terms
+    decay: np.ndarray  #: (n,) least rate at which a state decays to it; 0 if it does not
+
+
+class Piece(NamedTuple):
+    """Closed form of a piece with n states, as a function of the time u since its start."""
+
+    modes: int  #: number of modes, or 0 for a Taylor series
+    reach: float  #: as the arrays down to `column`, those of the matrix in `Matrices`
+    unit: np.ndarray
+    rate: np.ndarray
+    inverse: np.ndarray
+    speed: np.ndarray
+    column: np.ndarray
+    start: Start
 
 
 @compiled
-def set_taylor(A, slope, taylor):
-    """Set the coefficients of u, u², … in the state at a time u after the start of a piece."""
-    taylor[0] = slope
-    for j in range(1, TERMS):
-        taylor[j] = A @ taylor[j - 1] / (j + 1)
+def start_room(n):
+    """Allocate what describes the start of a piece."""
+    r = np.empty((5, n))
+    return Start(r[0], r[1], np.empty(n, np.complex128), np.empty((TERMS, n)), r[2], r[3], r[4])
 
 
 @compiled
-def advance(m, place, state, slope, amplitude, taylor, u, out):
-    """Set `out` to the state at a time `u` after the start of a piece."""
-    n = out.size
-    if m.modes[place] <= 0:
+def piece(m, place, b, start):
+    """Return the closed form of a piece of ż = A z + b whose state and slope `start` holds."""
+    modes, row, column = max(m.modes[place], 0), m.row[place], m.column[place]
+    rate, inverse, unit = m.rate[place], m.inverse[place], m.unit[place]
+    if modes == 0:
+        start.taylor[0] = start.slope
+        for j in range(1, TERMS):
+            start.taylor[j] = m.A[place] @ start.taylor[j - 1] / (j + 1)
+    for i in range(b.size):
+        start.rest[i] = start.rest_size[i] = 0.0
+        start.decay[i] = math.inf if modes > 0 and unit[i] > 0.0 else 0.0
+    for k in range(modes):
+        amplitude = push = 0j
+        for i in range(b.size):
+            amplitude += row[k, i] * start.slope[i]
+            push += row[k, i] * b[i]
+        start.amplitude[k] = amplitude
+        if rate[k] != 0.0 and amplitude == 0.0 and push == 0.0:
+            continue
+        push *= inverse[k]
+        for i in range(b.size):
+            if column[i, k] != 0.0:
+                term = (column[i, k] * push).real
+                start.rest[i] -= term
+                start.rest_size[i] += abs(term)
+                start.decay[i] = min(start.decay[i], max(0.0, -rate[k].real))
+    return Piece(modes, m.reach[place], unit, rate, inverse, m.speed[place], column, start)
+
+
+@compiled
+def advance(p, u, out):
+    """Set `out` to the state at a time `u` after the start of a piece.
+
+    It is the change since the start that is added up, so that a short time costs no digits; or,
+    for a state that has decayed, what is left of the way to its equilibrium.
+    """
+    start, n = p.start, out.size
+    if p.modes == 0:
         for i in range(n):
             total = 0.0
             for j in range(TERMS - 1, -1, -1):
-                total = (total + taylor[j, i]) * u
-            out[i] = state[i] + total
+                total = (total + start.taylor[j, i]) * u
+            out[i] = start.state[i] + total
         return
     for i in range(n):
-        out[i] = state[i]
-        if m.unit[place, i] == 0.0:
-            out[i] += slope[i] * u
-    for k in range(m.modes[place]):
-        if amplitude[k] == 0.0:  # the mode itself may overflow, and 0 · inf is NaN
+        out[i] = start.rest[i] if start.decay[i] * u > SETTLED else start.state[i]
+        if p.unit[i] == 0.0:
+            out[i] += start.slope[i] * u
+    for k in range(p.modes):
+        amplitude = start.amplitude[k]
+        if amplitude == 0.0:  # the mode itself may overflow, and 0 · inf is NaN
             continue
-        _, first, second = integrals(m.rate[place, k], m.inverse[place, k], u)
-        first, second = amplitude[k] * first, amplitude[k] * second
+        power, first, second = integrals(p.rate[k], p.inverse[k], u)
+        left, first, second = (
+            power * p.inverse[k] * amplitude,
+            first * amplitude,
+            second * amplitude,
+        )
         for i in range(n):
-            grown = first if m.unit[place, i] > 0.0 else second
-            out[i] += (m.column[place, i, k] * grown).real
+            settled = start.decay[i] * u > SETTLED
+            grown = second if p.unit[i] == 0.0 else left if settled else first
+            out[i] += (p.column[i, k] * grown).real

@@ -27,6 +27,8 @@ from armsim.exact.intrinsics import borrowed, keep_alive
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
 from armsim.machine_code import announced, generated, kept
 
+#: Returned in place of a guard if the state overflows in a piece.
+OVERFLOW = -3
 #: Largest number of events at one time; more are taken as endless switching.
 AT_ONCE = 25
 
@@ -47,7 +49,7 @@ class Record(NamedTuple):
     """Result of a compiled run with p pieces and e events."""
 
     status: int  #: `FINISHED` or the reason for stopping
-    start: np.ndarray  #: (p, 1 + 2n) time, state and slope at the start of each piece
+    start: np.ndarray  #: (p, 1 + 2n) time and state at the start of each piece, and its b
     label: np.ndarray  #: (p, 2) mode and place of the matrix of each piece
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
@@ -61,23 +63,24 @@ class Record(NamedTuple):
 
 
 @merged
-def _run_piece(here, m, place, h, longest_search, z, w):
+def _run_piece(here, m, place, h, longest_search, start, w, z):
     """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
 
-    The length is 0 if a guard leaves at once or the search is given up.
+    The length is 0 if a guard leaves at once or the search is given up. If the state overflows,
+    the guard is `OVERFLOW`.
     """
-    guard, side = crossing.stand(here, z, w)
+    guard, side = crossing.stand(here, start, w)
     if guard >= 0:
         return 0.0, guard, side
-    modes = max(m.modes[place], 0)
-    _set_formula(m, place, w.slope, w)
-    if modes == 0:
-        h = min(h, m.reach[place])
-    h, guard, side = crossing.first_crossing(here, m, place, modes, h, longest_search, w)
+    p = modal.piece(m, place, here.b, start)
+    if p.modes == 0:
+        h = min(h, p.reach)
+    h, guard, side = crossing.first_crossing(here, p, h, longest_search, w)
     if guard == crossing.GIVEN_UP:
         return h, guard, side
-    w.state[:] = z
-    modal.advance(m, place, w.state, w.slope, w.amplitude, w.taylor, h, z)
+    modal.advance(p, h, z)
+    if not _is_finite(z):
+        return _finite_until(p, h, z), OVERFLOW, 0
     if guard >= 0:
         limit = here.upper[guard] if side > 0 else here.lower[guard]
         crossing.put_at_limit(here.normal[guard], limit, z)
@@ -85,12 +88,14 @@ def _run_piece(here, m, place, h, longest_search, z, w):
 
 
 @compiled
-def _set_formula(m, place, slope, w):
-    """Set the mode amplitudes or the Taylor coefficients of a piece."""
-    if m.modes[place] > 0:
-        modal.set_amplitudes(m, place, slope, w.amplitude)
-    else:
-        modal.set_taylor(m.A[place], slope, w.taylor)
+def _finite_until(p, end, z):
+    """Return the time in a piece from which on the state overflows, by bisection."""
+    low, high = 0.0, end
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        modal.advance(p, middle, z)
+        low, high = (middle, high) if _is_finite(z) else (low, middle)
+    return high
 
 
 @compiled
@@ -149,9 +154,10 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         np.empty(sizes[0]),
         np.empty(sizes[0]),
     )
-    owned = here, modal.room_for(sizes[1], n), crossing.work_room(n, sizes[0])
-    here, m, w = borrowed(owned[0]), borrowed(owned[1]), borrowed(owned[2])
-    start, label = np.empty((32, 1 + 2 * n)), np.empty((32, 2), np.int64)
+    rooms = modal.room_for(sizes[1], n), modal.start_room(n), crossing.work_room(n, sizes[0])
+    owned = here, *rooms
+    here, m, start, w = borrowed(owned)
+    begin, label = np.empty((32, 1 + 2 * n)), np.empty((32, 2), np.int64)
     event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
     pieces = events = at_once = known = interval = place = 0
     t, status, new, found = starts[0], FINISHED, True, mode - 1
@@ -174,14 +180,17 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
             known = max(known, place + 1)
         if place >= 0 and m.modes[place] == UNKNOWN:
             modal.decompose(m, place, (end - starts[0]) / m.reach[place])
-        status = _obstacle(m, place, pieces == limits[1], crossing.set_slope(here, z, w.slope))
+        start.state[:] = z
+        finite = crossing.set_slope(here.A, here.b, z, start.slope)
+        status = _obstacle(m, place, pieces == limits[1], finite)
         if status != FINISHED:
             break
-        start, label = _with_room(start, pieces), _with_room(label, pieces)
-        start[pieces, 0], start[pieces, 1 : 1 + n], start[pieces, 1 + n :] = t, z, w.slope
-        h, guard, side = _run_piece(here, m, place, until - t, limits[2], z, w)
-        if guard == crossing.GIVEN_UP:
-            status = SEARCH_TOO_LONG
+        begin, label = _with_room(begin, pieces), _with_room(label, pieces)
+        begin[pieces, 0], begin[pieces, 1 : 1 + n], begin[pieces, 1 + n :] = t, z, here.b
+        h, guard, side = _run_piece(here, m, place, until - t, limits[2], start, w, z)
+        if guard < -1:
+            status = NOT_FINITE if guard == OVERFLOW else SEARCH_TOO_LONG
+            t += h
             break
         if h > 0.0:
             label[pieces, 0], label[pieces, 1] = mode, place
@@ -198,8 +207,8 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         if at_once > AT_ONCE or events > limits[0]:
             status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
             break
-    pieces_and_events = start[:pieces], label[:pieces], event_time[:events], event[:events]
-    keep_alive(owned[2])
+    pieces_and_events = begin[:pieces], label[:pieces], event_time[:events], event[:events]
+    keep_alive(owned)
     return Record(status, *pieces_and_events, owned[1], t, mode, owned[0])
 
 
@@ -211,10 +220,18 @@ def _clear(here):
 
 
 @compiled
+def _is_finite(array):
+    finite = True
+    for entry in array.flat:
+        finite = finite and np.isfinite(entry)
+    return finite
+
+
+@compiled
 def _is_allowed(here):
     """Whether a mode has finite entries and ordered limits, which may be infinite."""
-    finite = np.isfinite(here.A).all() and np.isfinite(here.b).all()
-    return finite and np.isfinite(here.normal).all() and (here.lower <= here.upper).all()
+    finite = _is_finite(here.A) and _is_finite(here.b) and _is_finite(here.normal)
+    return finite and (here.lower <= here.upper).all()
 
 
 @compiled
@@ -232,21 +249,18 @@ def _obstacle(m, place, all_pieces, finite):
 @kept(**OPTIONS)
 def sample(record, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
-    n, last, m = out.shape[0], -1, borrowed(record.matrices)
-    room = crossing.work_room(n, 0)
-    w = borrowed(room)
+    n, last = out.shape[0], -1
+    owned = record.matrices, modal.start_room(n)
+    m, start = borrowed(owned)
     pieces = np.searchsorted(record.start[:, 0].copy(), times, side="right") - 1
     for j in range(times.size):
-        piece = pieces[j]
-        place, u = record.label[piece, 1], times[j] - record.start[piece, 0]
-        state, slope = record.start[piece, 1 : n + 1], record.start[piece, n + 1 :]
-        if piece != last:
-            _set_formula(m, place, slope, w)
-        last = piece
-        modal.advance(m, place, state, slope, w.amplitude, w.taylor, u, w.state)
-        out[:, j] = w.state
-    keep_alive(record.matrices)
-    keep_alive(room)
+        row, place = record.start[pieces[j]], record.label[pieces[j], 1]
+        if pieces[j] != last:
+            start.state[:] = row[1 : n + 1]
+            crossing.set_slope(m.A[place], row[n + 1 :], start.state, start.slope)
+            p, last = modal.piece(m, place, row[n + 1 :], start), pieces[j]
+        modal.advance(p, times[j] - row[0], out[:, j])
+    keep_alive(owned)
 
 
 _RUN = """\
@@ -308,6 +322,11 @@ class ExactSolution:
     def start(self) -> float:
         """Start of the run."""
         return float(self.record.start[0, 0])
+
+    @property
+    def loss(self) -> float:
+        """Bound of the relative error of any piece, from the condition of its matrix's modes."""
+        return float(self.record.matrices.loss[self.record.label[:, 1]].max())
 
     def modes(self, t: np.ndarray) -> list:
         """Modes at the times `t` (k,); at an event, the mode after it."""
