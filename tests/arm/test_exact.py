@@ -5,6 +5,7 @@ import json
 import math
 from pathlib import Path
 
+import flint
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,6 +20,7 @@ from armsim.arm.dynamics import (
     derivative,
     without_offsets,
 )
+from armsim.exact import piecewise_affine
 from armsim.exact.piecewise_affine import Mode
 from armsim.methods import IntegrationError, tableaux
 
@@ -273,6 +275,61 @@ def test_from_any_start_a_run_continues_where_it_was_cut(seed, y, cut):
 
 
 # --- physics --------------------------------------------------------------------------------------
+
+
+def largest_error_of_a_piece(run, count=20):
+    """Over each of some pieces, against the matrix exponential in ball arithmetic of 500 bits."""
+    record, p = run.solution.record, run.parameters
+    here = Mode(np.empty((7, 7)), np.empty(7), np.empty((4, 7)), np.empty(4), np.empty(4))
+    n, worst = len(record.start), 0.0
+    edges = np.append(record.start[:, 0], run.solution.end)
+    states = piecewise_affine.states(record, np.nextafter(edges[1:], 0.0)).T
+    even = piecewise_affine.states(record, np.linspace(0.0, run.solution.end, 2001)).T
+    largest = np.abs([*even, *states]).max(axis=0) + 1e-300
+    for piece in sorted({*range(min(n, count)), *np.linspace(0, n - 1, count).astype(int)}):
+        pair = constants(p), without_offsets(constants(p))
+        modes.equations(int(record.label[piece, 0]), 10.0, pair, here)
+        time = flint.arb(np.nextafter(edges[piece + 1], 0.0)) - flint.arb(edges[piece])
+        with flint.ctx.workprec(500):
+            rows = np.column_stack((here.A, here.b)).tolist()
+            power = (flint.arb_mat([*rows, 8 * [0.0]]) * time).exp()
+            start = flint.arb_mat([[float(v)] for v in (*record.start[piece, 1:8], 1.0)])
+            wanted = np.array([float(v.mid()) for v in (power * start).entries()[:7]])
+        worst = max(worst, (np.abs(states[piece] - wanted) / largest).max())
+    return worst
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}]
+    + [{"T_r": P.T_p * factor} for factor in (1.0, 1 + 1e-9, 1 + 1e-4, 1.01, 1.02, 1.1)]
+    + [{"K_1": 1e-12}, {"K_2": 0.0}, {"K_2": 1e-12}, {"K_g": 1e-6}]
+    + [{"L_a": L} for L in (1e-6, 1e-9, 1e-10, 5e-12, 1e-12)],
+    ids=str,
+)
+def test_no_piece_loses_digits(changes):
+    """Equal lags, vanishing gains and springs, and an armature 10⁹ times too fast."""
+    run = simulate(P.replace(**changes), 10.0, 1.0)
+    assert largest_error_of_a_piece(run) <= min(1e-12, run.solution.loss)
+
+
+def test_a_vanishing_inductance_leaves_the_arm_without_it():
+    """The speed at the end differs from that at 1 pH in proportion to the inductance."""
+    speeds = [simulate(P.replace(L_a=L), 10.0, 1.0)(1.0)[1] for L in (1e-9, 1e-10, 5e-12, 1e-12)]
+    differences = np.array(speeds[:3]) - speeds[3]
+    assert differences / [999e-12, 99e-12, 4e-12] == pytest.approx(
+        differences[0] / 999e-12, rel=1e-2
+    )
+
+
+def test_an_inductance_too_small_for_nine_digits_is_an_error():
+    with pytest.raises(IntegrationError, match=r"t = 0\.79.* more than 1e-09 of the solution"):
+        simulate(P.replace(L_a=1e-14), 10.0, 1.0)
+
+
+def test_a_start_too_large_for_numbers_is_an_error_that_says_when():
+    with pytest.raises(IntegrationError, match="t = 0: the solution is not finite"):
+        simulate(P, 10.0, 0.5, y0=[1e300] * 7)
 
 
 def test_an_arm_that_is_not_driven_stays_exactly_where_it_is():
