@@ -57,7 +57,7 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
     """
     packages = {name.rpartition(".")[0] for name in graph}
     direct = {
-        module: {*others - packages, *(m for name in others & packages for m in graph[name])}
+        module: (others - packages).union(*(graph[name] for name in others & packages))
         for module, others in graph.items()
         if module not in packages
     }
@@ -76,9 +76,7 @@ def architecture(graph: Graph) -> Figure:
     """
     cell, row, head = 86.0, 36.0, 24.0
     lines = reduced(graph)
-    rows = {
-        name: _rows(lines, name, columns) for floor in FLOORS for name, columns in floor.items()
-    }
+    rows = {part: _rows(lines, part, n) for floor in FLOORS for part, n in floor.items()}
     heights = [head + row * max(len(rows[name]) for name in floor) + 8 for floor in FLOORS]
     width, height = 5 * cell + 8, sum(heights)
     figure = Figure(figsize=(width / 72, height / 72))
@@ -124,15 +122,14 @@ def architecture(graph: Graph) -> Figure:
 
 def _rows(lines: Graph, name: str, columns: int) -> list[list[str]]:
     """Arrange the modules of a part in rows, each below all that import it."""
-    depth = {module: 0 for module in lines if part(module) == name}
-    for module in reversed([*TopologicalSorter(lines).static_order()]):
-        for other in lines[module] & set(depth) if module in depth else ():
-            depth[other] = max(depth[other], depth[module] + 1)
+    own = {module for module in lines if part(module) == name}
+    sorter = TopologicalSorter({one: {m for m in own if one in lines[m]} for one in own})
+    sorter.prepare()
     rows = []
-    for level in sorted(set(depth.values())):
-        row = sorted(module for module in depth if depth[module] == level)
-        parts = -(-len(row) // columns)
-        rows += [row[n::parts] for n in range(parts)]
+    while level := sorted(sorter.get_ready()):
+        parts = -(-len(level) // columns)
+        rows += [level[n::parts] for n in range(parts)]
+        sorter.done(*level)
     return rows
 
 

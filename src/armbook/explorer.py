@@ -94,12 +94,11 @@ def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
     grid = dict(grid or GRID)
     cases = [response(*case) for case in product(*grid.values())]
     scale = np.max([np.abs(curves).max(axis=1) for curves, _ in cases], axis=0) / 32767
-    counts, points = [], []
-    for curves, _ in cases:
-        for y, unit in zip(curves, scale, strict=True):
-            places = corners(TIMES, y, TOLERANCE * np.ptp(y))
-            counts.append(places.size)
-            points += [places, np.rint(y[places] / unit)]
+    points = []  # of each curve in turn: places, and values there
+    drawn = (pair for curves, _ in cases for pair in zip(curves, scale, strict=True))
+    for y, unit in drawn:
+        places = corners(TIMES, y, TOLERANCE * np.ptp(y))
+        points += [places, np.rint(y[places] / unit)]
     return {
         "grid": {name: list(values) for name, values in grid.items()},
         "published": {name: list(grid[name]).index(value) for name, value in PUBLISHED.items()},
@@ -111,7 +110,7 @@ def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
             {name: float(f"{v:.4g}") if np.isfinite(v) else None for name, v in numbers.items()}
             for _, numbers in cases
         ],
-        "counts": _packed(np.array(counts)),
+        "counts": _packed(np.array([places.size for places in points[::2]])),
         "points": _packed(np.concatenate(points)),
     }
 
@@ -120,18 +119,16 @@ def _packed(numbers: np.ndarray) -> str:
     return base64.b64encode(numbers.astype("<i2").tobytes()).decode()
 
 
+def _unpacked(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), "<i2")
+
+
 def curves(table: dict[str, Any], case: int) -> list[np.ndarray]:
     """Unpack one case as the page does: of each curve the times and values (2, n)."""
-    counts, points = (
-        np.frombuffer(base64.b64decode(table[key]), "<i2") for key in ("counts", "points")
-    )
-    starts = 2 * np.concatenate([[0], np.cumsum(counts.astype(int))])
-    found = []
-    for k, unit in enumerate(table["scale"]):
-        n = 3 * case + k
-        t, y = points[starts[n] : starts[n + 1]].reshape(2, -1)
-        found.append(np.array([t * table["tick"], y * unit]))
-    return found
+    counts, points = (_unpacked(table[key]) for key in ("counts", "points"))
+    drawn = np.split(points, 2 * np.cumsum(counts[:-1], dtype=int))[3 * case : 3 * case + 3]
+    units = [np.array([[table["tick"]], [unit]]) for unit in table["scale"]]
+    return [curve.reshape(2, -1) * unit for curve, unit in zip(drawn, units, strict=True)]
 
 
 def distance(curve: np.ndarray, t: np.ndarray, exact: np.ndarray) -> float:

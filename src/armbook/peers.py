@@ -26,32 +26,29 @@ def fixed(
         span = (times[0], times[-1])
         run = integrate(eq.flow, span, y0, tableau, step_size, form, args + eq.fixed, shift=shift)
         eq.count += run.nfev
-        at = np.searchsorted(run.t, times - 1e-6 * step_size)
-        at = np.minimum(at, run.t.size - 1)
+        at = np.searchsorted(run.t[:-1], times - 1e-6 * step_size)
         return run.t[at], run.y[:, at]
 
     return solve
 
 
-def embedded(rtol: float, atol: np.ndarray) -> Solve:
+def embedded(**tolerances: Any) -> Solve:
     """DP5(4) of this project with controlled steps."""
 
     def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
         span = (times[0], times[-1])
-        args = args + eq.fixed
-        run = integrate(eq.flow, span, y0, tableaux.DP5, args=args, rtol=rtol, atol=atol)
+        run = integrate(eq.flow, span, y0, tableaux.DP5, args=args + eq.fixed, **tolerances)
         eq.count += run.nfev
         return times, run(times)
 
     return solve
 
 
-def of_scipy(method: str, rtol: float, atol: np.ndarray) -> Solve:
+def of_scipy(method: str, **tolerances: Any) -> Solve:
     """One of `scipy.integrate.solve_ivp`."""
 
     def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        span, how = (times[0], times[-1]), {"rtol": rtol, "atol": atol}
-        run = solve_ivp(eq.slope, span, y0, method, times, args=args, **how)
+        run = solve_ivp(eq.slope, times[[0, -1]], y0, method, times, args=args, **tolerances)
         if not run.success:
             raise IntegrationError(run.message)
         return times, run.y
@@ -59,12 +56,12 @@ def of_scipy(method: str, rtol: float, atol: np.ndarray) -> Solve:
     return solve
 
 
-def of_odeint(rtol: float, atol: np.ndarray) -> Solve:
+def of_odeint(**tolerances: Any) -> Solve:
     """LSODA by `scipy.integrate.odeint`."""
+    options = {"mxstep": 100_000, "tfirst": True, "full_output": True} | tolerances
 
     def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        how = {"rtol": rtol, "atol": atol, "mxstep": 100_000, "tfirst": True}
-        y, told = odeint(eq.slope, y0, times, args, full_output=True, **how)
+        y, told = odeint(eq.slope, y0, times, args, **options)
         if told["message"] != "Integration successful.":
             raise IntegrationError(told["message"])
         return times, y.T
@@ -72,12 +69,12 @@ def of_odeint(rtol: float, atol: np.ndarray) -> Solve:
     return solve
 
 
-def of_cvode(method: str, rtol: float, atol: np.ndarray) -> Solve:
+def of_cvode(**options: Any) -> Solve:
     """CVODE of SUNDIALS, with the method ``"BDF"`` or ``"Adams"``."""
 
     def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        options = {"rtol": rtol, "atol": atol, "max_num_steps": 100_000, "userdata": args}
-        run = CVODE(eq.fill, method=method, **options).solve(times, y0)
+        cvode = CVODE(eq.fill, max_num_steps=100_000, userdata=args, **options)
+        run = cvode.solve(times, y0)
         if not run.success:
             raise IntegrationError(run.message)
         y = run.y if times.size > 2 else run.y[[0, -1]]  # between two times it gives every step
@@ -88,10 +85,11 @@ def of_cvode(method: str, rtol: float, atol: np.ndarray) -> Solve:
 
 def peers(rtol: float, atol: np.ndarray) -> Mapping[str, Solve | None]:
     """Solvers with error control by name; None for one that is not installed."""
-    found: dict[str, Solve | None] = {"DP5(4)": embedded(rtol, atol)}
-    for method in ("RK45", "DOP853", "Radau", "BDF", "LSODA"):
-        found[f"SciPy {method}"] = of_scipy(method, rtol, atol)
-    found["SciPy odeint"] = of_odeint(rtol, atol)
-    for method in ("BDF", "Adams"):
-        found[f"CVODE {method}"] = None if CVODE is None else of_cvode(method, rtol, atol)
-    return found
+    how = {"rtol": rtol, "atol": atol}
+    of_ivp = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
+    return {
+        "DP5(4)": embedded(**how),
+        **{f"SciPy {method}": of_scipy(method, **how) for method in of_ivp},
+        "SciPy odeint": of_odeint(**how),
+        **{f"CVODE {m}": CVODE and of_cvode(method=m, **how) for m in ("BDF", "Adams")},
+    }

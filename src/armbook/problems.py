@@ -7,9 +7,9 @@ the same compiled right-hand side and is asked for states at the same times.
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, wraps
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba import njit
@@ -56,25 +56,23 @@ class Equations:
         counter = copy(self)
         counter.count = 0
 
-        def one_more() -> None:
-            counter.count += 1
-            if counter.count > MAX_EVALUATIONS:
-                raise IntegrationError(f"more than {MAX_EVALUATIONS} evaluations")
+        def counted(function: Callable) -> Callable:
+            @wraps(function)  # CVODE asks for the number of arguments
+            def call(*args: Any) -> Any:
+                counter.count += 1
+                if counter.count > MAX_EVALUATIONS:
+                    raise IntegrationError(f"more than {MAX_EVALUATIONS} evaluations")
+                return function(*args)
 
-        def slope(t: float, y: np.ndarray, *args: Any) -> np.ndarray:
-            one_more()
-            return self.slope(t, y, *args)
+            return call
 
-        def fill(t: float, y: np.ndarray, out: np.ndarray, args: tuple) -> None:
-            one_more()  # CVODE wants these four arguments by their number
-            self.fill(t, y, out, args)
-
-        counter.slope, counter.fill = slope, fill
+        counter.slope, counter.fill = counted(self.slope), counted(self.fill)
         return counter
 
 
-#: ``solve(equations, times, y0, args)`` gives times (k,) and states (n, k), the last at times[-1].
-Solve = Callable[[Equations, np.ndarray, np.ndarray, tuple], tuple[np.ndarray, np.ndarray]]
+Solution: TypeAlias = tuple[np.ndarray, np.ndarray]  #: times (k,) and states (n, k)
+#: ``solve(equations, times, y0, args)`` gives the states at some times, the last at times[-1].
+Solve = Callable[[Equations, np.ndarray, np.ndarray, tuple], Solution]
 
 
 @dataclass(frozen=True)
@@ -90,9 +88,7 @@ class Problem:
     outputs: Callable[[np.ndarray], np.ndarray] = field(default=lambda y: y)  #: what is compared
     controlled: Trajectory | None = None  #: whose control puts out what the equations take first
 
-    def run(
-        self, solve: Solve, equations: Equations | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def run(self, solve: Solve, equations: Equations | None = None) -> Solution:
         """Times (k,) and states (n, k) that a solver finds, leg after leg."""
         t, states, y, sample, starts = [], [], self.y0, 0, np.empty(0)
         volts: tuple[float, ...] = ()

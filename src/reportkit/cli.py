@@ -34,11 +34,9 @@ def main(arguments: list[str] | None = None, project: Project | None = None) -> 
     try:
         own = project or Project.find()
         return commands.main(arguments, own.name, standalone_mode=False, obj=own) or 0
-    except ProjectError as error:
-        print(error, file=sys.stderr)
-        return MISUSED
-    except ParameterError as error:
-        print(f"{own.name} {arguments[0]}: {error}", file=sys.stderr)
+    except (ProjectError, ParameterError) as error:
+        command = f"{own.name} {arguments[0]}: " if isinstance(error, ParameterError) else ""
+        print(f"{command}{error}", file=sys.stderr)
         return MISUSED
     except click.ClickException as error:
         error.show()
@@ -66,7 +64,7 @@ def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | N
     names = [name] if name else [path.name for path in parameters.sources(folder)]
     found = [parameters.find(one, folder, choices) for one in names]
     if as_json:
-        click.echo(json.dumps([_described(notebook) for notebook in found], indent=1))
+        click.echo(json.dumps([*map(_described, found)], indent=1))
     else:
         width = min(shutil.get_terminal_size((88, 24)).columns, 100)
         click.echo("\n".join(_shown(notebook, width) for notebook in found), nl=False)
@@ -136,11 +134,10 @@ def _table(name: str | None) -> dict[str, Any]:
 def _told(pairs: list[Comparison]) -> str:
     if not pairs:
         return "there are no published values to compare with"
-    changes = [pair.change() for pair in pairs if pair.moved]
-    count = f"{len(changes)} of {len(pairs)} recorded values changed"
+    rows = [[*pair.change[:4], pair.change[5]] for pair in pairs if pair.moved]
+    count = f"{len(rows)} of {len(pairs)} recorded values changed"
     heading = ["recorded value", "published", "now", "difference", "unit"]
-    rows = ([*change[:4], change[5]] for change in changes)
-    return f"{text.columns(heading, rows)}\n{count}" if changes else count
+    return f"{text.columns(heading, rows)}\n{count}" if rows else count
 
 
 @commands.command("check")
