@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 from importlib import import_module
+from itertools import accumulate
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -91,8 +92,7 @@ def architecture(graph: Graph) -> Figure:
         return fmean([x for name, (x, _) in place.items() if module in lines[name]] or [0.0])
 
     place: dict[str, tuple[float, float]] = {}
-    top = 0.0
-    for floor, height in zip(FLOORS, heights, strict=True):
+    for floor, height, top in zip(FLOORS, heights, accumulate(heights, initial=0), strict=False):
         left = 4.0
         for name, columns in floor.items():
             right = left + cell * columns
@@ -107,7 +107,6 @@ def architecture(graph: Graph) -> Figure:
                     place[module] = (x, y)
                     x += free
             left = right
-        top += height
     for module, others in lines.items():
         for other in others:
             if part(other) == "armsim":  # below all floors: lines to it would hide the others

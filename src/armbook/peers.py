@@ -1,6 +1,7 @@
 """Solvers that a user would reach for instead, and ours, on the problems of `armbook.problems`."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,64 +33,46 @@ def fixed(
     return solve
 
 
-def embedded(**tolerances: Any) -> Solve:
+def embedded(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """DP5(4) of this project with controlled steps."""
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        span = (times[0], times[-1])
-        run = integrate(eq.flow, span, y0, tableaux.DP5, args=args + eq.fixed, **tolerances)
-        eq.count += run.nfev
-        return times, run(times)
-
-    return solve
+    run = integrate(eq.flow, times[[0, -1]], y0, tableaux.DP5, args=args + eq.fixed, **how)
+    eq.count += run.nfev
+    return times, run(times)
 
 
-def of_scipy(method: str, **tolerances: Any) -> Solve:
+def of_scipy(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """One of `scipy.integrate.solve_ivp`."""
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        run = solve_ivp(eq.slope, times[[0, -1]], y0, method, times, args=args, **tolerances)
-        if not run.success:
-            raise IntegrationError(run.message)
-        return times, run.y
-
-    return solve
+    run = solve_ivp(eq.slope, times[[0, -1]], y0, t_eval=times, args=args, **how)
+    if not run.success:
+        raise IntegrationError(run.message)
+    return times, run.y
 
 
-def of_odeint(**tolerances: Any) -> Solve:
+def of_odeint(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """LSODA by `scipy.integrate.odeint`."""
-    options = {"mxstep": 100_000, "tfirst": True, "full_output": True} | tolerances
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        y, told = odeint(eq.slope, y0, times, args, **options)
-        if told["message"] != "Integration successful.":
-            raise IntegrationError(told["message"])
-        return times, y.T
-
-    return solve
+    options = {"mxstep": 100_000, "tfirst": True, "full_output": True} | how
+    y, told = odeint(eq.slope, y0, times, args, **options)
+    if told["message"] != "Integration successful.":
+        raise IntegrationError(told["message"])
+    return times, y.T
 
 
-def of_cvode(**options: Any) -> Solve:
+def of_cvode(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """CVODE of SUNDIALS, with the method ``"BDF"`` or ``"Adams"``."""
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        cvode = CVODE(eq.fill, max_num_steps=100_000, userdata=args, **options)
-        run = cvode.solve(times, y0)
-        if not run.success:
-            raise IntegrationError(run.message)
-        y = run.y if times.size > 2 else run.y[[0, -1]]  # between two times it gives every step
-        return times, y.T
-
-    return solve
+    run = CVODE(eq.fill, max_num_steps=100_000, userdata=args, **how).solve(times, y0)
+    if not run.success:
+        raise IntegrationError(run.message)
+    y = run.y if times.size > 2 else run.y[[0, -1]]  # between two times it gives every step
+    return times, y.T
 
 
 def peers(rtol: float, atol: np.ndarray) -> Mapping[str, Solve | None]:
     """Solvers with error control by name; None for one that is not installed."""
-    how = {"rtol": rtol, "atol": atol}
+    how: dict[str, Any] = {"rtol": rtol, "atol": atol}
     of_ivp = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
     return {
-        "DP5(4)": embedded(**how),
-        **{f"SciPy {method}": of_scipy(method, **how) for method in of_ivp},
-        "SciPy odeint": of_odeint(**how),
-        **{f"CVODE {m}": CVODE and of_cvode(method=m, **how) for m in ("BDF", "Adams")},
+        "DP5(4)": partial(embedded, **how),
+        **{f"SciPy {method}": partial(of_scipy, method=method, **how) for method in of_ivp},
+        "SciPy odeint": partial(of_odeint, **how),
+        **{f"CVODE {m}": CVODE and partial(of_cvode, method=m, **how) for m in ("BDF", "Adams")},
     }

@@ -134,15 +134,11 @@ def region_flow(t, y, volts, where, k):  # type: ignore[no-untyped-def]
     return derivative(y, volts, k, region_of_number(where))
 
 
-def linear_arguments(p: AxisParameters, volts: float) -> tuple[tuple, tuple]:
-    """Return what `linear_flow` takes after t and y for a set velocity in volts."""
-    A, B = LinearAxis(p).state_space()
-    return tuple(map(tuple, A.tolist())), tuple((B * volts).tolist())
-
-
 def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 100) -> Problem:
     """Step response of the reduced linear arm; position, velocity and current are compared."""
-    fixed, response = linear_arguments(p, volts), LinearAxis(p).step_response(volts)
+    axis = LinearAxis(p)
+    response, (A, B) = axis.step_response(volts), axis.state_space()
+    fixed = tuple(map(tuple, A.tolist())), tuple((B * volts).tolist())
 
     def exact(t: np.ndarray) -> np.ndarray:
         return np.array([response.position(t), response.velocity(t), response.current(t)])
@@ -150,12 +146,10 @@ def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 
     def outputs(y: np.ndarray) -> np.ndarray:
         return np.array([p.r_g * y[0], p.r_g * y[1], p.K_i * (y[2] + p.T_z * y[3])])
 
-    times, at_rest = np.linspace(0.0, t_end, points + 1), np.zeros(4)
+    at_rest, legs = np.zeros(4), ((np.linspace(0.0, t_end, points + 1), ()),)
     fine = integrate(linear_flow, (0.0, t_end), at_rest, tableaux.RK6, t_end / 5000, args=fixed)
     size, scale = (np.abs(y).max(axis=1) for y in (fine.y, exact(fine.t)))
-    return Problem(
-        Equations(linear_flow, fixed), at_rest, ((times, ()),), exact, size, scale, outputs
-    )
+    return Problem(Equations(linear_flow, fixed), at_rest, legs, exact, size, scale, outputs)
 
 
 @cache
@@ -178,10 +172,8 @@ def arm_problems(run: Trajectory, interval: float | np.ndarray = 5e-3) -> tuple[
     volts = () if controlled else (float(run.set_velocity(0.0)),)
 
     def problem(flow: Callable, cuts: np.ndarray, more: list[tuple]) -> Problem:
-        times = [
-            np.concatenate(([a], grid[(grid > a) & (grid < b)], [b])) for a, b in pairwise(cuts)
-        ]
-        legs = tuple((t, (*volts, *args)) for t, args in zip(times, more, strict=True))
+        times = [(a, grid[(grid > a) & (grid < b)], b) for a, b in pairwise(cuts)]
+        legs = tuple((np.hstack(t), (*volts, *args)) for t, args in zip(times, more, strict=True))
         size, equations = np.abs(run.y).max(axis=1), _arm_equations(flow, run.parameters)
         return Problem(equations, np.zeros(7), legs, run, size, size, controlled=controlled)
 

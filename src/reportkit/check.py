@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from reportkit import text
-from reportkit.text import number
 
 #: Relative tolerance of a float recorded without one; all other values must then be equal.
 DEFAULT_RELATIVE = 1e-9
@@ -156,4 +155,4 @@ def _tolerance(record: Record) -> str:
 
 
 def _shown(record: Record | None, unit: str | None = None, digits: int = 12) -> str:
-    return number(record["value"], unit, digits) if record else "–"
+    return text.number(record["value"], unit, digits) if record else "–"

@@ -16,7 +16,6 @@ from typing import Any
 import click
 
 from reportkit import check, parameters, text
-from reportkit.check import Comparison
 from reportkit.parameters import Notebook, ParameterError
 from reportkit.project import Project, ProjectError
 
@@ -131,7 +130,7 @@ def _table(name: str | None) -> dict[str, Any]:
         raise ParameterError(f"{name}: no TOML file of parameters: {error}") from None
 
 
-def _told(pairs: list[Comparison]) -> str:
+def _told(pairs: list[check.Comparison]) -> str:
     if not pairs:
         return "there are no published values to compare with"
     rows = [[*pair.change[:4], pair.change[5]] for pair in pairs if pair.moved]
@@ -154,8 +153,7 @@ def check_(project: Project, update: bool, results: Path | None, expected: Path 
         raise ParameterError(str(error)) from None
     moved = [pair.row() for pair in pairs if pair.moved]
     if moved:
-        heading = ["name", "expected", "got", "tolerance", "notebook"]
-        click.echo(text.columns(heading, moved))
+        click.echo(text.columns(["name", "expected", "got", "tolerance", "notebook"], moved))
     if update:
         check.update(pairs, expected)
         click.echo(f"{len(moved)} expectations updated in {expected}")

@@ -60,7 +60,10 @@ def execute(
     """
     source, results_dir = Path(source), Path(results_dir)
     with executed(source, results_dir, parameters or {}) as (new, complaints):
-        _publish(new, results_dir, source.stem)
+        for path in [*results_dir.glob(f"{source.stem}[.-]*")]:
+            path.unlink()
+        for path in sorted(new.iterdir(), key=lambda path: path.suffix == ".ipynb"):
+            path.replace(results_dir / path.name)
     return complaints
 
 
@@ -150,10 +153,8 @@ def _explain(source: Path, error: PapermillExecutionError) -> str:
     frames = _FRAME.findall(_ANSI.sub("", "\n".join(error.traceback)))
     places = "".join(f"\n  in {function}, {file}" for file, function in frames)
     code = "".join(f"\n    {line}" for line in error.source.splitlines())
-    return (
-        f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
-        f"  {error.ename}: {_ANSI.sub('', error.evalue)}"
-    )
+    told = f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
+    return f"{told}  {error.ename}: {_ANSI.sub('', error.evalue)}"
 
 
 def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
@@ -171,13 +172,6 @@ def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
             elif alt := output.get("metadata", {}).get("image/svg+xml", {}).get("alt"):
                 cell.metadata.setdefault("mystnb", {})["image"] = {"alt": alt}
     return complaints
-
-
-def _publish(new: Path, results_dir: Path, stem: str) -> None:
-    for path in [*results_dir.glob(f"{stem}.*"), *results_dir.glob(f"{stem}-*")]:
-        path.unlink()
-    for path in sorted(new.iterdir(), key=lambda path: path.suffix == ".ipynb"):
-        path.replace(results_dir / path.name)
 
 
 def main(arguments: list[str] | None = None) -> int:

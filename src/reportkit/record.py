@@ -115,9 +115,7 @@ class Study:
             if value == value:  # a NaN is not
                 self.record(name, value, unit, **rule)
 
-    def figure(
-        self, key: str, fig: Figure, data: Data | None = None, *, alt: str | None = None
-    ) -> None:
+    def figure(self, key: str, fig: Figure, data: Data | None = None, *, alt: str = "") -> None:
         """Save a figure as ``<results>/<study>-<key>.svg``, show it and close it.
 
         Parameters
@@ -140,9 +138,7 @@ class Study:
         display(SVG(filename=path), metadata={"image/svg+xml": {"alt": alt}})
         plt.close(fig)
 
-    def table(
-        self, key: str, rows: pd.DataFrame | Iterable[Any], columns: Sequence[str] | None = None
-    ) -> None:
+    def table(self, key: str, rows: Iterable[Any], columns: Sequence[str] | None = None) -> None:
         """Save a table for ``{include}`` as ``<results>/<study>-<key>.md`` and show it.
 
         Parameters

@@ -4,7 +4,9 @@ import json
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+
+Row: TypeAlias = Sequence[Any]  #: cells of a table
 
 
 def write(path: Path, text: str) -> None:
@@ -43,9 +45,7 @@ def columns(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("  ".join(row).rstrip() for row in pad)
 
 
-def markdown_table(
-    heading: Sequence[Any], rows: Iterable[Sequence[Any]], right: Iterable[int] = ()
-) -> str:
+def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ()) -> str:
     """Return a Markdown table for ``{include}``.
 
     Parameters

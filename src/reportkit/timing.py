@@ -9,7 +9,6 @@ import timeit
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from math import nan
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -68,7 +67,7 @@ class Timing:
 
         ratios = np.sort(self.of(name) / self.of(to))
         k = int(binom.ppf(0.025, ratios.size, 0.5))
-        return [float(ratios[k - 1]), float(ratios[-k])] if k else [nan, nan]
+        return [float(ratios[k - 1]), float(ratios[-k])] if k else [np.nan, np.nan]
 
 
 def measure(
