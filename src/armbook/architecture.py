@@ -107,10 +107,9 @@ def architecture(graph: Graph) -> Figure:
                     place[module] = (x, y)
                     x += free
             left = right
+    lowest = {name for name in lines if part(name) == "armsim"}  # its lines would hide the others
     for module, others in lines.items():
-        for other in others:
-            if part(other) == "armsim":  # below all floors: lines to it would hide the others
-                continue
+        for other in others - lowest:
             ax.plot(*zip(place[module], place[other], strict=True), color=_TONES[part(module)],
                     lw=0.9, ls="-", alpha=0.55, zorder=1)  # fmt: skip
     for module, (x, y) in place.items():

@@ -1,7 +1,7 @@
 """The table behind the page Explorer: exact step responses over a grid of three parameters."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -75,13 +75,13 @@ def corners(t: np.ndarray, y: np.ndarray, tolerance: float) -> np.ndarray:
     return np.flatnonzero(keep)
 
 
-def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
+def table(grid: Mapping[str, Sequence[float]] = GRID) -> dict[str, Any]:
     """Compute all cases and pack them for the page.
 
     Parameters
     ----------
-    grid : dict, optional
-        Values of the three parameters, the published ones among them; `GRID` if left out.
+    grid : mapping, optional
+        Values of the three parameters, the published ones among them.
 
     Returns
     -------
@@ -91,7 +91,6 @@ def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
         text for each case; ``counts``, how many points each curve has; and ``points``, their times
         in ticks and values. The last two are 16-bit integers in base64, little end first.
     """
-    grid = dict(grid or GRID)
     cases = [response(*case) for case in product(*grid.values())]
     scale = np.max([np.abs(curves).max(axis=1) for curves, _ in cases], axis=0) / 32767
     points = []  # of each curve in turn: places, and values there

@@ -35,7 +35,8 @@ def fixed(
 
 def embedded(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """DP5(4) of this project with controlled steps."""
-    run = integrate(eq.flow, times[[0, -1]], y0, tableaux.DP5, args=args + eq.fixed, **how)
+    span = (times[0], times[-1])
+    run = integrate(eq.flow, span, y0, tableaux.DP5, args=args + eq.fixed, **how)
     eq.count += run.nfev
     return times, run(times)
 

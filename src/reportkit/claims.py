@@ -107,8 +107,8 @@ class Reading:
     tests: Sequence[Test]
 
     def holds(self, records: Records) -> bool:
-        """Return whether the claim holds, read in this way."""
-        return all(test.passes(records) for test in self.tests)
+        """Return whether the claim holds, read in this way; not without a test."""
+        return bool(self.tests) and all(test.passes(records) for test in self.tests)
 
     def told(self, records: Records) -> str:
         """Return the result of each test, after a symbol for the whole."""
@@ -166,9 +166,8 @@ class Claim:
 
     def as_listed(self) -> list[Reading]:
         """Return all readings, that of the claim's own tests first."""
-        own = [Reading(self.reading, self.tests)] if self.tests else []
-        corrected = [Reading("corrected", self.corrected)] if self.corrected else []
-        return [*own, *corrected, *self.readings]
+        own, corrected = Reading(self.reading, self.tests), Reading("corrected", self.corrected)
+        return [one for one in (own, corrected, *self.readings) if one.tests]
 
     def verdict(self, records: Records, turned: Sequence[str] = ()) -> str:
         """Return one of `VERDICTS`.
@@ -183,9 +182,8 @@ class Claim:
         if self.untestable:
             return UNTESTABLE
         own, corrected = Reading("", self.tests), Reading("", self.corrected)
-        verdict = CONFIRMED if own.holds(records) else REFUTED
-        if verdict == REFUTED and self.corrected and corrected.holds(records):
-            verdict = CORRECTED
+        repaired = CORRECTED if corrected.holds(records) else REFUTED
+        verdict = CONFIRMED if own.holds(records) else repaired
         others = {reading.holds(records) for reading in self.readings}
         return DEPENDS if turned or others - {verdict != REFUTED} else verdict
 

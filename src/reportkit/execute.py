@@ -29,12 +29,10 @@ class NotebookError(RuntimeError):
     """A notebook could not be executed; the message names it, its cell and the error."""
 
 
-def execute(
-    source: Path | str, results_dir: Path | str, parameters: Mapping[str, Any] | None = None
-) -> list[str]:
+def execute(source: Path, results: Path, parameters: Mapping[str, Any] | None = None) -> list[str]:
     """Execute a notebook and put it and the results it writes into a folder.
 
-    Results of an earlier run of the same notebook in `results_dir` are replaced only when the new
+    Results of an earlier run of the same notebook in `results` are replaced only when the new
     run has succeeded. The executed notebook comes last, because make takes it as the sign that
     the rest is there. Two runs give the same bytes.
 
@@ -42,7 +40,7 @@ def execute(
     ----------
     source : path
         The notebook, ``NN_topic.ipynb``.
-    results_dir : path
+    results : path
         The folder for the executed notebook ``NN_topic.ipynb`` and its results ``NN_topic.json``
         and ``NN_topic-*``; made if missing.
     parameters : mapping, optional
@@ -58,12 +56,11 @@ def execute(
     NotebookError
         If the notebook cannot be read or fails.
     """
-    source, results_dir = Path(source), Path(results_dir)
-    with executed(source, results_dir, parameters or {}) as (new, complaints):
-        for path in [*results_dir.glob(f"{source.stem}[.-]*")]:
+    with executed(source, results, parameters or {}) as (new, complaints):
+        for path in [*results.glob(f"{source.stem}[.-]*")]:
             path.unlink()
         for path in sorted(new.iterdir(), key=lambda path: path.suffix == ".ipynb"):
-            path.replace(results_dir / path.name)
+            path.replace(results / path.name)
     return complaints
 
 
@@ -180,12 +177,12 @@ def main(arguments: list[str] | None = None) -> int:
     if len(arguments) != 2:
         print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
         return 2
-    source, results_dir = arguments
+    source, results = map(Path, arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children by it
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
     try:
-        complaints = execute(source, results_dir)
+        complaints = execute(source, results)
     except NotebookError as error:
         print(f"\n{error}\n", file=sys.stderr)
         return 1
@@ -195,7 +192,7 @@ def main(arguments: list[str] | None = None) -> int:
     for complaint in complaints:
         print(f"{source} warned: {complaint}", file=sys.stderr)
     seconds = f"{time.perf_counter() - start:.1f}"
-    Path(results_dir, f"{Path(source).stem}-seconds.txt").write_text(f"{seconds}\n")
+    (results / f"{source.stem}-seconds.txt").write_text(f"{seconds}\n")
     print(f"{source}: done in {seconds} s", flush=True)
     return 0
 

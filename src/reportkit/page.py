@@ -47,11 +47,10 @@ def render(
     project
         The report that the notebook belongs to.
     """
-    environment = Environment(
-        loader=PackageLoader("reportkit"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
+    files = PackageLoader("reportkit")
+    pages = Environment(loader=files, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     markdown = _markdown()
-    environment.filters |= {
+    pages.filters |= {
         # a reference to another page becomes its text
         "markdown": lambda text: Markup(markdown.render(_ROLE.sub(r"*\1*", text))),
         "base64": lambda text: base64.b64encode(text.encode()).decode(),
@@ -59,7 +58,7 @@ def render(
     }
     mathjax = project.mathjax.read_text(encoding="utf-8") if project.mathjax.exists() else ""
     items = ((notebook.parameters[name], value) for name, value in parameters.items())
-    return environment.get_template("rerun.html").render(
+    return pages.get_template("rerun.html").render(
         notebook=notebook,
         cells=executed.cells,
         settings=[

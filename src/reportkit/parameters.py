@@ -224,13 +224,12 @@ def find(name: str, folder: Path, choices: Mapping[str, Any] | None = None) -> N
     ParameterError
         If there is none; the message suggests the nearest name.
     """
-    paths = sources(folder)
+    paths = {path.stem: path for path in sources(folder)}
     short = Path(name).name.removesuffix(".ipynb")
-    fits = [path for path in paths if short in (path.stem, path.stem[:2], path.stem[3:])]
+    fits = [stem for stem in paths if short in (stem, stem[:2], stem[3:])]
     if len(fits) != 1:
-        stems = [path.stem for path in paths]
-        raise ParameterError(f"{name}: no notebook in {folder}; {_nearest(short, stems)}")
-    return read(fits[0], choices)
+        raise ParameterError(f"{name}: no notebook in {folder}; {_nearest(short, paths)}")
+    return read(paths[fits[0]], choices)
 
 
 def sources(folder: Path) -> list[Path]:
