@@ -25,7 +25,7 @@ class Candidate(NamedTuple):
 
     method: str
     setting: float  #: step size in s or relative tolerance
-    solve: Solve | None  #: None if it is not installed
+    solve: Solve
     tableau: Tableau | None = None  #: of a method with fixed steps
     exponentials: int = 0  #: for each state in a step; counted for the shifted origin only
 
@@ -76,8 +76,6 @@ def compare(
         problem = problems[name]
         counter = problem.equations.counting()
         try:
-            if solve is None:
-                raise IntegrationError("left out: scikit-sundae is not installed")
             t, y = problem.run(solve, counter)
         except (IntegrationError, ValueError) as error:
             failures.append([method, name, setting, str(error).strip().splitlines()[0]])

@@ -6,16 +6,12 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
+from sksundae.cvode import CVODE
 
 from armbook.problems import Equations, Solve
 from armsim.methods import IntegrationError, integrate, tableaux
 from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
-
-try:
-    from sksundae.cvode import CVODE
-except ImportError:  # it comes with the development environment only
-    CVODE = None
 
 
 def fixed(
@@ -67,13 +63,13 @@ def of_cvode(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **ho
     return times, y.T
 
 
-def peers(rtol: float, atol: np.ndarray) -> Mapping[str, Solve | None]:
-    """Solvers with error control by name; None for one that is not installed."""
+def peers(rtol: float, atol: np.ndarray) -> Mapping[str, Solve]:
+    """Solvers with error control by name."""
     how: dict[str, Any] = {"rtol": rtol, "atol": atol}
     of_ivp = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
     return {
         "DP5(4)": partial(embedded, **how),
         **{f"SciPy {method}": partial(of_scipy, method=method, **how) for method in of_ivp},
         "SciPy odeint": partial(of_odeint, **how),
-        **{f"CVODE {m}": CVODE and partial(of_cvode, method=m, **how) for m in ("BDF", "Adams")},
+        **{f"CVODE {m}": partial(of_cvode, method=m, **how) for m in ("BDF", "Adams")},
     }

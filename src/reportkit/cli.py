@@ -16,7 +16,6 @@ from typing import Any
 import click
 
 from reportkit import check, parameters, text
-from reportkit.parameters import Notebook, ParameterError
 from reportkit.project import Project, ProjectError
 
 CHANGED, MISUSED, INTERRUPTED = 1, 2, 130
@@ -33,8 +32,8 @@ def main(arguments: list[str] | None = None, project: Project | None = None) -> 
     try:
         own = project or Project.find()
         return commands.main(arguments, own.name, standalone_mode=False, obj=own) or 0
-    except (ProjectError, ParameterError) as error:
-        command = f"{own.name} {arguments[0]}: " if isinstance(error, ParameterError) else ""
+    except (ProjectError, parameters.ParameterError) as error:
+        command = "" if isinstance(error, ProjectError) else f"{own.name} {arguments[0]}: "
         print(f"{command}{error}", file=sys.stderr)
         return MISUSED
     except click.ClickException as error:
@@ -69,13 +68,13 @@ def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | N
         click.echo("\n".join(_shown(notebook, width) for notebook in found), nl=False)
 
 
-def _described(notebook: Notebook) -> dict[str, Any]:
+def _described(notebook: parameters.Notebook) -> dict[str, Any]:
     items = (asdict(one) | {"type": one.kind.__name__} for one in notebook.parameters.values())
     about = {key: getattr(notebook, key) for key in ("name", "title", "summary")}
     return about | {"parameters": list(items)}
 
 
-def _shown(notebook: Notebook, width: int) -> str:
+def _shown(notebook: parameters.Notebook, width: int) -> str:
     def fill(line: str, indent: int, hanging: int = 0) -> str:
         return click.wrap_text(line, width, " " * indent, " " * (indent + hanging))
 
@@ -127,7 +126,7 @@ def _table(name: str | None) -> dict[str, Any]:
     try:
         return tomllib.loads(Path(name).read_text(encoding="utf-8")) if name is not None else {}
     except (OSError, ValueError) as error:
-        raise ParameterError(f"{name}: no TOML file of parameters: {error}") from None
+        raise parameters.ParameterError(f"{name}: no TOML file of parameters: {error}") from None
 
 
 def _told(pairs: list[check.Comparison]) -> str:
@@ -150,7 +149,7 @@ def check_(project: Project, update: bool, results: Path | None, expected: Path 
     try:
         pairs = check.compare_folders(results or project.results, expected)
     except (OSError, ValueError) as error:
-        raise ParameterError(str(error)) from None
+        raise parameters.ParameterError(str(error)) from None
     moved = [pair.row() for pair in pairs if pair.moved]
     if moved:
         click.echo(text.columns(["name", "expected", "got", "tolerance", "notebook"], moved))

@@ -41,8 +41,7 @@ def columns(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     rows = [heading, *rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     rows.insert(1, ["-" * width for width in widths])
-    pad = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
-    return "\n".join("  ".join(row).rstrip() for row in pad)
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
 def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ()) -> str:
