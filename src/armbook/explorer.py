@@ -118,13 +118,10 @@ def _packed(numbers: np.ndarray) -> str:
     return base64.b64encode(numbers.astype("<i2").tobytes()).decode()
 
 
-def _unpacked(text: str) -> np.ndarray:
-    return np.frombuffer(base64.b64decode(text), "<i2")
-
-
 def curves(table: dict[str, Any], case: int) -> list[np.ndarray]:
     """Unpack one case as the page does: of each curve the times and values (2, n)."""
-    counts, points = (_unpacked(table[key]) for key in ("counts", "points"))
+    raw = [base64.b64decode(table[key]) for key in ("counts", "points")]
+    counts, points = (np.frombuffer(numbers, "<i2") for numbers in raw)
     drawn = np.split(points, 2 * np.cumsum(counts[:-1], dtype=int))[3 * case : 3 * case + 3]
     units = [np.array([[table["tick"]], [unit]]) for unit in table["scale"]]
     return [curve.reshape(2, -1) * unit for curve, unit in zip(drawn, units, strict=True)]
