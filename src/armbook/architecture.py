@@ -152,9 +152,9 @@ def symbols_table() -> str:
     return text.markdown_table(["symbol", "name", "unit", "meaning", "source"], rows)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m armbook.architecture RESULTS``: write the appendix beside the results."""
-    (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    (results,) = map(Path, arguments)
     graph = imports()
     provenance.write(Project.find(Path(__file__)), results)
     text.write(results / "appendix-modules.md", modules_table(graph))
@@ -164,4 +164,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -312,9 +312,9 @@ class Verdicts:
         return "\n".join(cards)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.claims RESULTS``: write the verdicts beside the results."""
-    (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    (results,) = map(Path, arguments)
     project = Project.find()
     try:
         beside = load_turned(project.variations), load_opinions(project.opinions)
@@ -335,4 +335,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

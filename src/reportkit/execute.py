@@ -171,9 +171,8 @@ def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
     return complaints
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; return the exit code."""
-    arguments = sys.argv[1:] if arguments is None else arguments
     if len(arguments) != 2:
         print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
         return 2
@@ -198,4 +197,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

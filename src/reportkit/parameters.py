@@ -248,12 +248,12 @@ def sources(folder: Path) -> list[Path]:
 
 
 def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
-    tree, lines = ast.parse(source), source.split("\n")
+    # an import is that of the choices
+    nodes = [node for node in ast.parse(source).body if not isinstance(node, ast.ImportFrom)]
+    lines = source.split("\n")
     tokens = generate_tokens(io.StringIO(source).readline)
     comments = {t.start[0]: t.string.lstrip("#").strip() for t in tokens if t.type == COMMENT}
-    for node in tree.body:
-        if isinstance(node, ast.ImportFrom):  # of the choices
-            continue
+    for node in nodes:
         if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
             raise ParameterError(f"cell of parameters: {ast.unparse(node)} is no NAME = VALUE")
         if not (comment := comments.get(node.end_lineno or 0)):  # it stands above

@@ -80,9 +80,9 @@ def _entries(outline: list[Any]) -> Iterator[Any]:
         yield from _entries(entry) if isinstance(entry, list) else [entry]
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.pdf PAGE PDF``."""
-    page, pdf = map(Path, sys.argv[1:] if arguments is None else arguments)
+    page, pdf = map(Path, arguments)
     try:
         print_page(page, pdf)
     except FileNotFoundError as error:
@@ -92,4 +92,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

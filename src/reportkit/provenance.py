@@ -81,12 +81,12 @@ def write(project: Project, results: Path) -> None:
         text.write(results / f"appendix-{name}", content)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.provenance RESULTS``; return the exit code."""
-    (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    (results,) = map(Path, arguments)
     write(Project.find(), results)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))
