@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 from importlib import import_module
+from itertools import accumulate
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -57,7 +58,7 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
     """
     packages = {name.rpartition(".")[0] for name in graph}
     direct = {
-        module: {*others - packages, *(m for name in others & packages for m in graph[name])}
+        module: (others - packages).union(*(graph[name] for name in others & packages))
         for module, others in graph.items()
         if module not in packages
     }
@@ -76,9 +77,7 @@ def architecture(graph: Graph) -> Figure:
     """
     cell, row, head = 86.0, 36.0, 24.0
     lines = reduced(graph)
-    rows = {
-        name: _rows(lines, name, columns) for floor in FLOORS for name, columns in floor.items()
-    }
+    rows = {part: _rows(lines, part, n) for floor in FLOORS for part, n in floor.items()}
     heights = [head + row * max(len(rows[name]) for name in floor) + 8 for floor in FLOORS]
     width, height = 5 * cell + 8, sum(heights)
     figure = Figure(figsize=(width / 72, height / 72))
@@ -93,8 +92,7 @@ def architecture(graph: Graph) -> Figure:
         return fmean([x for name, (x, _) in place.items() if module in lines[name]] or [0.0])
 
     place: dict[str, tuple[float, float]] = {}
-    top = 0.0
-    for floor, height in zip(FLOORS, heights, strict=True):
+    for floor, height, top in zip(FLOORS, heights, accumulate(heights, initial=0), strict=False):
         left = 4.0
         for name, columns in floor.items():
             right = left + cell * columns
@@ -109,11 +107,9 @@ def architecture(graph: Graph) -> Figure:
                     place[module] = (x, y)
                     x += free
             left = right
-        top += height
+    lowest = {name for name in lines if part(name) == "armsim"}  # its lines would hide the others
     for module, others in lines.items():
-        for other in others:
-            if part(other) == "armsim":  # below all floors: lines to it would hide the others
-                continue
+        for other in others - lowest:
             ax.plot(*zip(place[module], place[other], strict=True), color=_TONES[part(module)],
                     lw=0.9, ls="-", alpha=0.55, zorder=1)  # fmt: skip
     for module, (x, y) in place.items():
@@ -124,15 +120,14 @@ def architecture(graph: Graph) -> Figure:
 
 def _rows(lines: Graph, name: str, columns: int) -> list[list[str]]:
     """Arrange the modules of a part in rows, each below all that import it."""
-    depth = {module: 0 for module in lines if part(module) == name}
-    for module in reversed([*TopologicalSorter(lines).static_order()]):
-        for other in lines[module] & set(depth) if module in depth else ():
-            depth[other] = max(depth[other], depth[module] + 1)
+    own = {module for module in lines if part(module) == name}
+    sorter = TopologicalSorter({one: {m for m in own if one in lines[m]} for one in own})
+    sorter.prepare()
     rows = []
-    for level in sorted(set(depth.values())):
-        row = sorted(module for module in depth if depth[module] == level)
-        parts = -(-len(row) // columns)
-        rows += [row[n::parts] for n in range(parts)]
+    while level := sorted(sorter.get_ready()):
+        parts = -(-len(level) // columns)
+        rows += [level[n::parts] for n in range(parts)]
+        sorter.done(*level)
     return rows
 
 
@@ -157,9 +152,9 @@ def symbols_table() -> str:
     return text.markdown_table(["symbol", "name", "unit", "meaning", "source"], rows)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m armbook.architecture RESULTS``: write the appendix beside the results."""
-    (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    (results,) = map(Path, arguments)
     graph = imports()
     provenance.write(Project.find(Path(__file__)), results)
     text.write(results / "appendix-modules.md", modules_table(graph))
@@ -169,4 +164,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -7,19 +7,18 @@ from pathlib import Path
 def main(arguments: list[str] | None = None) -> int:
     """Run ``armsim list``, ``rerun`` or ``check``; see `reportkit.cli.main`."""
     try:
-        from reportkit import cli
-        from reportkit.project import Project, ProjectError
+        from reportkit import cli, project
     except ModuleNotFoundError as error:
         print(f"armsim: this command needs the packages of the book ({error.name} is missing): "
               "pip install 'armsim[book]'", file=sys.stderr)  # fmt: skip
         return 2
     try:
-        project = Project.find(Path(__file__))
-    except ProjectError:
+        report = project.Project.find(Path(__file__))
+    except project.ProjectError:
         print("armsim: the notebooks come with the repository, not with the package",
               file=sys.stderr)  # fmt: skip
         return 2
-    return cli.main(arguments, project)
+    return cli.main(arguments, report)
 
 
 if __name__ == "__main__":

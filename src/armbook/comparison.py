@@ -1,6 +1,7 @@
 """Solvers compared: all of them on every problem, and two methods by several norms of the error."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -11,17 +12,12 @@ from armbook import styles
 from armbook.peers import fixed, peers
 from armbook.problems import Problem, Solve
 from armsim.methods import IntegrationError, tableaux
-from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
 from armsim.paper import PRINTED
 from reportkit.timing import Timing
 
 #: Methods that are run in the exponential forms as well.
 EXPONENTIAL = (tableaux.RK6, tableaux.DP5, tableaux.DP4)
-FORMS: dict[Form, str] = {
-    "exponential": "exponential form",
-    "as printed": "exponential form without step size",
-}
 
 
 class Candidate(NamedTuple):
@@ -29,7 +25,7 @@ class Candidate(NamedTuple):
 
     method: str
     setting: float  #: step size in s or relative tolerance
-    solve: Solve | None  #: None if it is not installed
+    solve: Solve
     tableau: Tableau | None = None  #: of a method with fixed steps
     exponentials: int = 0  #: for each state in a step; counted for the shifted origin only
 
@@ -42,15 +38,17 @@ def candidates(
     The exponential form is tried as it stands, and with the origin shifted to ten times each
     state's largest value below zero.
     """
+    forms: dict[str, tuple] = {
+        "exponential, shifted": ("exponential", 10 * problem.size),
+        "exponential form": ("exponential",),
+        "exponential form without step size": ("as printed",),
+    }
     for h in step_sizes:
         for method in (*styles.METHODS, *PRINTED.values()):
             yield Candidate(method.name, h, fixed(method, h), method)
-        for method in EXPONENTIAL:
-            name, solve = "exponential, shifted", fixed(method, h, "exponential", 10 * problem.size)
-            yield Candidate(f"{method.name}, {name}", h, solve, method, method.exponentials())
-        for form, name in FORMS.items():
-            for method in EXPONENTIAL:
-                yield Candidate(f"{method.name}, {name}", h, fixed(method, h, form), method)
+        for (name, form), method in product(forms.items(), EXPONENTIAL):
+            counted = method.exponentials() if "shifted" in name else 0
+            yield Candidate(f"{method.name}, {name}", h, fixed(method, h, *form), method, counted)
     for tolerance in tolerances:
         for name, peer in peers(tolerance, tolerance * problem.size).items():
             yield Candidate(name, tolerance, peer)
@@ -71,18 +69,13 @@ def compare(
         With the columns ``method``, ``problem``, ``setting`` and ``reason``.
     """
     runs, failures = [], []
-    listed = [
-        (name, problem, candidate)
-        for name, problem in problems.items()
-        for candidate in candidates(problem, step_sizes, tolerances)
-    ]
-    for name, problem, (method, setting, solve, tableau, exponentials) in tqdm(
-        listed, disable=None, leave=False
-    ):
+    settings = step_sizes, tolerances
+    listed = [(name, one) for name in problems for one in candidates(problems[name], *settings)]
+    for name, one in tqdm(listed, disable=None, leave=False):
+        method, setting, solve, tableau, exponentials = one
+        problem = problems[name]
         counter = problem.equations.counting()
         try:
-            if solve is None:
-                raise IntegrationError("left out: scikit-sundae is not installed")
             t, y = problem.run(solve, counter)
         except (IntegrationError, ValueError) as error:
             failures.append([method, name, setting, str(error).strip().splitlines()[0]])

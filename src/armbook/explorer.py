@@ -1,7 +1,7 @@
 """The table behind the page Explorer: exact step responses over a grid of three parameters."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -75,13 +75,13 @@ def corners(t: np.ndarray, y: np.ndarray, tolerance: float) -> np.ndarray:
     return np.flatnonzero(keep)
 
 
-def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
+def table(grid: Mapping[str, Sequence[float]] = GRID) -> dict[str, Any]:
     """Compute all cases and pack them for the page.
 
     Parameters
     ----------
-    grid : dict, optional
-        Values of the three parameters, the published ones among them; `GRID` if left out.
+    grid : mapping, optional
+        Values of the three parameters, the published ones among them.
 
     Returns
     -------
@@ -91,15 +91,13 @@ def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
         text for each case; ``counts``, how many points each curve has; and ``points``, their times
         in ticks and values. The last two are 16-bit integers in base64, little end first.
     """
-    grid = dict(grid or GRID)
     cases = [response(*case) for case in product(*grid.values())]
     scale = np.max([np.abs(curves).max(axis=1) for curves, _ in cases], axis=0) / 32767
-    counts, points = [], []
-    for curves, _ in cases:
-        for y, unit in zip(curves, scale, strict=True):
-            places = corners(TIMES, y, TOLERANCE * np.ptp(y))
-            counts.append(places.size)
-            points += [places, np.rint(y[places] / unit)]
+    points = []  # of each curve in turn: places, and values there
+    drawn = (pair for curves, _ in cases for pair in zip(curves, scale, strict=True))
+    for y, unit in drawn:
+        places = corners(TIMES, y, TOLERANCE * np.ptp(y))
+        points += [places, np.rint(y[places] / unit)]
     return {
         "grid": {name: list(values) for name, values in grid.items()},
         "published": {name: list(grid[name]).index(value) for name, value in PUBLISHED.items()},
@@ -111,7 +109,7 @@ def table(grid: dict[str, Sequence[float]] | None = None) -> dict[str, Any]:
             {name: float(f"{v:.4g}") if np.isfinite(v) else None for name, v in numbers.items()}
             for _, numbers in cases
         ],
-        "counts": _packed(np.array(counts)),
+        "counts": _packed(np.array([places.size for places in points[::2]])),
         "points": _packed(np.concatenate(points)),
     }
 
@@ -122,16 +120,11 @@ def _packed(numbers: np.ndarray) -> str:
 
 def curves(table: dict[str, Any], case: int) -> list[np.ndarray]:
     """Unpack one case as the page does: of each curve the times and values (2, n)."""
-    counts, points = (
-        np.frombuffer(base64.b64decode(table[key]), "<i2") for key in ("counts", "points")
-    )
-    starts = 2 * np.concatenate([[0], np.cumsum(counts.astype(int))])
-    found = []
-    for k, unit in enumerate(table["scale"]):
-        n = 3 * case + k
-        t, y = points[starts[n] : starts[n + 1]].reshape(2, -1)
-        found.append(np.array([t * table["tick"], y * unit]))
-    return found
+    raw = [base64.b64decode(table[key]) for key in ("counts", "points")]
+    counts, points = (np.frombuffer(numbers, "<i2") for numbers in raw)
+    drawn = np.split(points, 2 * np.cumsum(counts[:-1], dtype=int))[3 * case : 3 * case + 3]
+    units = [np.array([[table["tick"]], [unit]]) for unit in table["scale"]]
+    return [curve.reshape(2, -1) * unit for curve, unit in zip(drawn, units, strict=True)]
 
 
 def distance(curve: np.ndarray, t: np.ndarray, exact: np.ndarray) -> float:

@@ -1,20 +1,17 @@
 """Solvers that a user would reach for instead, and ours, on the problems of `armbook.problems`."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
+from sksundae.cvode import CVODE
 
 from armbook.problems import Equations, Solve
 from armsim.methods import IntegrationError, integrate, tableaux
 from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
-
-try:
-    from sksundae.cvode import CVODE
-except ImportError:  # it comes with the development environment only
-    CVODE = None
 
 
 def fixed(
@@ -26,72 +23,53 @@ def fixed(
         span = (times[0], times[-1])
         run = integrate(eq.flow, span, y0, tableau, step_size, form, args + eq.fixed, shift=shift)
         eq.count += run.nfev
-        at = np.searchsorted(run.t, times - 1e-6 * step_size)
-        at = np.minimum(at, run.t.size - 1)
+        at = np.searchsorted(run.t[:-1], times - 1e-6 * step_size)
         return run.t[at], run.y[:, at]
 
     return solve
 
 
-def embedded(rtol: float, atol: np.ndarray) -> Solve:
+def embedded(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """DP5(4) of this project with controlled steps."""
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        span = (times[0], times[-1])
-        args = args + eq.fixed
-        run = integrate(eq.flow, span, y0, tableaux.DP5, args=args, rtol=rtol, atol=atol)
-        eq.count += run.nfev
-        return times, run(times)
-
-    return solve
+    span = (times[0], times[-1])
+    run = integrate(eq.flow, span, y0, tableaux.DP5, args=args + eq.fixed, **how)
+    eq.count += run.nfev
+    return times, run(times)
 
 
-def of_scipy(method: str, rtol: float, atol: np.ndarray) -> Solve:
+def of_scipy(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """One of `scipy.integrate.solve_ivp`."""
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        span, how = (times[0], times[-1]), {"rtol": rtol, "atol": atol}
-        run = solve_ivp(eq.slope, span, y0, method, times, args=args, **how)
-        if not run.success:
-            raise IntegrationError(run.message)
-        return times, run.y
-
-    return solve
+    run = solve_ivp(eq.slope, times[[0, -1]], y0, t_eval=times, args=args, **how)
+    if not run.success:
+        raise IntegrationError(run.message)
+    return times, run.y
 
 
-def of_odeint(rtol: float, atol: np.ndarray) -> Solve:
+def of_odeint(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """LSODA by `scipy.integrate.odeint`."""
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        how = {"rtol": rtol, "atol": atol, "mxstep": 100_000, "tfirst": True}
-        y, told = odeint(eq.slope, y0, times, args, full_output=True, **how)
-        if told["message"] != "Integration successful.":
-            raise IntegrationError(told["message"])
-        return times, y.T
-
-    return solve
+    options = {"mxstep": 100_000, "tfirst": True, "full_output": True} | how
+    y, told = odeint(eq.slope, y0, times, args, **options)
+    if told["message"] != "Integration successful.":
+        raise IntegrationError(told["message"])
+    return times, y.T
 
 
-def of_cvode(method: str, rtol: float, atol: np.ndarray) -> Solve:
+def of_cvode(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **how: Any) -> Any:
     """CVODE of SUNDIALS, with the method ``"BDF"`` or ``"Adams"``."""
-
-    def solve(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple) -> Any:
-        options = {"rtol": rtol, "atol": atol, "max_num_steps": 100_000, "userdata": args}
-        run = CVODE(eq.fill, method=method, **options).solve(times, y0)
-        if not run.success:
-            raise IntegrationError(run.message)
-        y = run.y if times.size > 2 else run.y[[0, -1]]  # between two times it gives every step
-        return times, y.T
-
-    return solve
+    run = CVODE(eq.fill, max_num_steps=100_000, userdata=args, **how).solve(times, y0)
+    if not run.success:
+        raise IntegrationError(run.message)
+    y = run.y if times.size > 2 else run.y[[0, -1]]  # between two times it gives every step
+    return times, y.T
 
 
-def peers(rtol: float, atol: np.ndarray) -> Mapping[str, Solve | None]:
-    """Solvers with error control by name; None for one that is not installed."""
-    found: dict[str, Solve | None] = {"DP5(4)": embedded(rtol, atol)}
-    for method in ("RK45", "DOP853", "Radau", "BDF", "LSODA"):
-        found[f"SciPy {method}"] = of_scipy(method, rtol, atol)
-    found["SciPy odeint"] = of_odeint(rtol, atol)
-    for method in ("BDF", "Adams"):
-        found[f"CVODE {method}"] = None if CVODE is None else of_cvode(method, rtol, atol)
-    return found
+def peers(rtol: float, atol: np.ndarray) -> Mapping[str, Solve]:
+    """Solvers with error control by name."""
+    how: dict[str, Any] = {"rtol": rtol, "atol": atol}
+    of_ivp = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
+    return {
+        "DP5(4)": partial(embedded, **how),
+        **{f"SciPy {method}": partial(of_scipy, method=method, **how) for method in of_ivp},
+        "SciPy odeint": partial(of_odeint, **how),
+        **{f"CVODE {m}": partial(of_cvode, method=m, **how) for m in ("BDF", "Adams")},
+    }

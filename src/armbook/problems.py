@@ -7,9 +7,9 @@ the same compiled right-hand side and is asked for states at the same times.
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, wraps
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba import njit
@@ -56,25 +56,23 @@ class Equations:
         counter = copy(self)
         counter.count = 0
 
-        def one_more() -> None:
-            counter.count += 1
-            if counter.count > MAX_EVALUATIONS:
-                raise IntegrationError(f"more than {MAX_EVALUATIONS} evaluations")
+        def counted(function: Callable) -> Callable:
+            @wraps(function)  # CVODE asks for the number of arguments
+            def call(*args: Any) -> Any:
+                counter.count += 1
+                if counter.count > MAX_EVALUATIONS:
+                    raise IntegrationError(f"more than {MAX_EVALUATIONS} evaluations")
+                return function(*args)
 
-        def slope(t: float, y: np.ndarray, *args: Any) -> np.ndarray:
-            one_more()
-            return self.slope(t, y, *args)
+            return call
 
-        def fill(t: float, y: np.ndarray, out: np.ndarray, args: tuple) -> None:
-            one_more()  # CVODE wants these four arguments by their number
-            self.fill(t, y, out, args)
-
-        counter.slope, counter.fill = slope, fill
+        counter.slope, counter.fill = counted(self.slope), counted(self.fill)
         return counter
 
 
-#: ``solve(equations, times, y0, args)`` gives times (k,) and states (n, k), the last at times[-1].
-Solve = Callable[[Equations, np.ndarray, np.ndarray, tuple], tuple[np.ndarray, np.ndarray]]
+Solution: TypeAlias = tuple[np.ndarray, np.ndarray]  #: times (k,) and states (n, k)
+#: ``solve(equations, times, y0, args)`` gives the states at some times, the last at times[-1].
+Solve = Callable[[Equations, np.ndarray, np.ndarray, tuple], Solution]
 
 
 @dataclass(frozen=True)
@@ -90,9 +88,7 @@ class Problem:
     outputs: Callable[[np.ndarray], np.ndarray] = field(default=lambda y: y)  #: what is compared
     controlled: Trajectory | None = None  #: whose control puts out what the equations take first
 
-    def run(
-        self, solve: Solve, equations: Equations | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def run(self, solve: Solve, equations: Equations | None = None) -> Solution:
         """Times (k,) and states (n, k) that a solver finds, leg after leg."""
         t, states, y, sample, starts = [], [], self.y0, 0, np.empty(0)
         volts: tuple[float, ...] = ()
@@ -138,15 +134,11 @@ def region_flow(t, y, volts, where, k):  # type: ignore[no-untyped-def]
     return derivative(y, volts, k, region_of_number(where))
 
 
-def linear_arguments(p: AxisParameters, volts: float) -> tuple[tuple, tuple]:
-    """Return what `linear_flow` takes after t and y for a set velocity in volts."""
-    A, B = LinearAxis(p).state_space()
-    return tuple(map(tuple, A.tolist())), tuple((B * volts).tolist())
-
-
 def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 100) -> Problem:
     """Step response of the reduced linear arm; position, velocity and current are compared."""
-    fixed, response = linear_arguments(p, volts), LinearAxis(p).step_response(volts)
+    axis = LinearAxis(p)
+    response, (A, B) = axis.step_response(volts), axis.state_space()
+    fixed = tuple(map(tuple, A.tolist())), tuple((B * volts).tolist())
 
     def exact(t: np.ndarray) -> np.ndarray:
         return np.array([response.position(t), response.velocity(t), response.current(t)])
@@ -154,12 +146,10 @@ def linear_problem(p: AxisParameters, volts: float, t_end: float, points: int = 
     def outputs(y: np.ndarray) -> np.ndarray:
         return np.array([p.r_g * y[0], p.r_g * y[1], p.K_i * (y[2] + p.T_z * y[3])])
 
-    times, at_rest = np.linspace(0.0, t_end, points + 1), np.zeros(4)
+    at_rest, legs = np.zeros(4), ((np.linspace(0.0, t_end, points + 1), ()),)
     fine = integrate(linear_flow, (0.0, t_end), at_rest, tableaux.RK6, t_end / 5000, args=fixed)
     size, scale = (np.abs(y).max(axis=1) for y in (fine.y, exact(fine.t)))
-    return Problem(
-        Equations(linear_flow, fixed), at_rest, ((times, ()),), exact, size, scale, outputs
-    )
+    return Problem(Equations(linear_flow, fixed), at_rest, legs, exact, size, scale, outputs)
 
 
 @cache
@@ -182,10 +172,8 @@ def arm_problems(run: Trajectory, interval: float | np.ndarray = 5e-3) -> tuple[
     volts = () if controlled else (float(run.set_velocity(0.0)),)
 
     def problem(flow: Callable, cuts: np.ndarray, more: list[tuple]) -> Problem:
-        times = [
-            np.concatenate(([a], grid[(grid > a) & (grid < b)], [b])) for a, b in pairwise(cuts)
-        ]
-        legs = tuple((t, (*volts, *args)) for t, args in zip(times, more, strict=True))
+        times = [(a, grid[(grid > a) & (grid < b)], b) for a, b in pairwise(cuts)]
+        legs = tuple((np.hstack(t), (*volts, *args)) for t, args in zip(times, more, strict=True))
         size, equations = np.abs(run.y).max(axis=1), _arm_equations(flow, run.parameters)
         return Problem(equations, np.zeros(7), legs, run, size, size, controlled=controlled)
 

@@ -71,6 +71,5 @@ def counts(table: pd.DataFrame) -> pd.DataFrame:
         other = values["change"].isna() & values["differs"]
         moved = {f"{by:g} %": int(((size > by) | other).sum()) for by in (0.1, 1, 10)}
         failed = {"failed": ", ".join(part[part["name"] == FAILS]["study"])}
-        counted = {"choice": choice, "factor": factor, "values": len(values)}
-        rows.append(counted | moved | failed)
+        rows.append({"choice": choice, "factor": factor, "values": len(values)} | moved | failed)
     return pd.DataFrame(rows)

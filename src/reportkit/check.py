@@ -8,12 +8,11 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
 
 from reportkit import text
-from reportkit.text import number
 
 #: Relative tolerance of a float recorded without one; all other values must then be equal.
 DEFAULT_RELATIVE = 1e-9
@@ -47,34 +46,31 @@ class Comparison:
     @property
     def moved(self) -> str:
         """Why the records differ: new, missing, unit, tolerance or value; empty if they agree."""
-        if self.expected is None or self.got is None:
-            return "missing" if self.expected else "new"
-        if self.expected["unit"] != self.got["unit"]:
+        old, new = self.expected, self.got
+        if old is None or new is None:
+            return "missing" if old else "new"
+        if old["unit"] != new["unit"]:
             return "unit"
-        if _rule(self.expected) != _rule(self.got):
+        if _rule(old) != _rule(new):
             return "tolerance"  # otherwise a notebook could loosen its own test
-        if not self.expected.get("compared", True):
-            return ""
         if self.difference is not None:
-            return "" if abs(self.difference) <= _allowed(self.expected) else "value"
-        old, new = self.expected["value"], self.got["value"]
-        return "" if type(old) is type(new) and old == new else "value"
+            agree = abs(self.difference) <= _allowed(old)
+        else:
+            agree = type(old["value"]) is type(new["value"]) and old["value"] == new["value"]
+        return "" if agree or not old.get("compared", True) else "value"
 
     def row(self) -> list[str]:
         """Return name, expected, got, tolerance and notebook, the cells of a table."""
-        sides, moved = (self.expected, self.got), self.moved
-        values = (
-            number(side["value"], side["unit"] if moved == "unit" else None) if side else "–"
-            for side in sides
-        )
-        rules = dict.fromkeys(_tolerance(side) for side in sides if side)
-        where = self.study if moved == "value" else f"{self.study}, {moved}"
-        return [self.name, *values, " → ".join(rules), where]
-
-    def change(self) -> list[str]:
-        """Return name, both values, difference, relative difference and unit, as texts."""
         sides = self.expected, self.got
-        values = (number(side["value"], digits=6) if side else "–" for side in sides)
+        units = [side["unit"] if side and self.moved == "unit" else None for side in sides]
+        rules = dict.fromkeys(_tolerance(side) for side in sides if side)
+        where = self.study if self.moved == "value" else f"{self.study}, {self.moved}"
+        return [self.name, *map(_shown, sides, units), " → ".join(rules), where]
+
+    @property
+    def change(self) -> list[str]:
+        """Name, both values, difference, relative difference and unit, as texts."""
+        values = (_shown(side, digits=6) for side in (self.expected, self.got))
         difference = "" if self.difference is None else f"{self.difference:+.3g}"
         share = "" if self.relative is None else f"{100 * self.relative:+.3g} %"
         unit = (self.got or self.expected or {})["unit"] or ""
@@ -100,11 +96,9 @@ def compare_folders(results: Path, expected: Path) -> list[Comparison]:
     built, wanted = load_all(results), load_all(expected)
     if not built:
         raise FileNotFoundError(f"no results in {results}: build them first")
-    return [
-        pair
-        for study in sorted(built | wanted)
-        for pair in compare(study, wanted.get(study, {}), built.get(study, {}))
-    ]
+    studies = sorted(built | wanted)
+    found = (compare(one, wanted.get(one, {}), built.get(one, {})) for one in studies)
+    return [*chain.from_iterable(found)]
 
 
 def update(pairs: Sequence[Comparison], expected: Path) -> None:
@@ -147,12 +141,9 @@ def _rule(record: Record) -> tuple[Any, ...]:
 
 
 def _allowed(record: Record) -> float:
-    value, tolerance, relative = record["value"], record["tolerance"], record.get("relative")
-    if tolerance is not None:
-        return float(tolerance)
-    if relative is None:
-        relative = DEFAULT_RELATIVE if isinstance(value, float) else 0.0
-    return relative * abs(value)
+    value, tolerance = record["value"], record["tolerance"]
+    relative = record.get("relative", DEFAULT_RELATIVE if isinstance(value, float) else 0.0)
+    return relative * abs(value) if tolerance is None else tolerance
 
 
 def _tolerance(record: Record) -> str:
@@ -160,6 +151,8 @@ def _tolerance(record: Record) -> str:
         return "not compared"
     if isinstance(record["value"], bool | str):
         return "equal"
-    if record.get("relative") is not None:
-        return f"{100 * record['relative']:g} %"
-    return f"{_allowed(record):.3g}"
+    return f"{100 * record['relative']:g} %" if "relative" in record else f"{_allowed(record):.3g}"
+
+
+def _shown(record: Record | None, unit: str | None = None, digits: int = 12) -> str:
+    return text.number(record["value"], unit, digits) if record else "–"

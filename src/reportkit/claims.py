@@ -8,8 +8,7 @@ result, the claim depends on the reading. A claim may say that it cannot be test
 
 import sys
 import tomllib
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -87,18 +86,17 @@ class Test:
     def passes(self, records: Records) -> bool:
         """Return whether the recorded value meets the criterion."""
         value, bound = _number(records, self.value), self.bound(records)
-        if self.relation == "equals":
-            return abs(value - bound) <= self.tolerance
-        return value > bound if self.relation == "above" else value < bound
+        within = abs(value - bound) <= self.tolerance
+        return {"equals": within, "above": value > bound, "below": value < bound}[self.relation]
 
     def told(self, records: Records) -> str:
         """Return the measured and the required value as a text."""
         value, bound = _number(records, self.value), self.bound(records)
         unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
-        unit = "" if unit == "1" else f" {unit}"
+        measured = text.number(f"{value:z{self.format}}", unit)
         allowed = f" ± {self.tolerance:g}" if self.tolerance else ""
         required = f"{_RELATIONS[self.relation]}{bound:z{self.format}}{allowed}"
-        return f"{value:z{self.format}}{unit} (required {required})".replace("-", "−")
+        return f"{measured} (required {required})".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -109,8 +107,8 @@ class Reading:
     tests: Sequence[Test]
 
     def holds(self, records: Records) -> bool:
-        """Return whether the claim holds, read in this way."""
-        return all(test.passes(records) for test in self.tests)
+        """Return whether the claim holds, read in this way; not without a test."""
+        return bool(self.tests) and all(test.passes(records) for test in self.tests)
 
     def told(self, records: Records) -> str:
         """Return the result of each test, after a symbol for the whole."""
@@ -168,9 +166,8 @@ class Claim:
 
     def as_listed(self) -> list[Reading]:
         """Return all readings, that of the claim's own tests first."""
-        own = [Reading(self.reading, self.tests)] if self.tests else []
-        corrected = [Reading("corrected", self.corrected)] if self.corrected else []
-        return [*own, *corrected, *self.readings]
+        own, corrected = Reading(self.reading, self.tests), Reading("corrected", self.corrected)
+        return [one for one in (own, corrected, *self.readings) if one.tests]
 
     def verdict(self, records: Records, turned: Sequence[str] = ()) -> str:
         """Return one of `VERDICTS`.
@@ -184,10 +181,9 @@ class Claim:
         """
         if self.untestable:
             return UNTESTABLE
-        verdict = REFUTED
-        for tests, reached in ((self.tests, CONFIRMED), (self.corrected, CORRECTED)):
-            if verdict == REFUTED and tests and all(test.passes(records) for test in tests):
-                verdict = reached
+        own, corrected = Reading("", self.tests), Reading("", self.corrected)
+        repaired = CORRECTED if corrected.holds(records) else REFUTED
+        verdict = CONFIRMED if own.holds(records) else repaired
         others = {reading.holds(records) for reading in self.readings}
         return DEPENDS if turned or others - {verdict != REFUTED} else verdict
 
@@ -203,26 +199,26 @@ def load(path: Path) -> list[Claim]:
     claims = []
     for table in tomllib.loads(path.read_text(encoding="utf-8"))["claim"]:
         try:
-            for key in {"tests", "corrected"} & set(table):
-                table[key] = [Test(**test) for test in table[key]]
-            if "readings" in table:
-                table["readings"] = [
-                    Reading(name, [Test(**test) for test in tests])
-                    for name, tests in table["readings"].items()
-                ]
-            claims.append(Claim(**table))
+            tests = {key: _tests(table[key]) for key in ("tests", "corrected") if key in table}
+            named = table.get("readings", {}).items()
+            readings = [Reading(name, _tests(tables)) for name, tables in named]
+            claims.append(Claim(**table | tests | {"readings": readings}))
         except TypeError as error:
             raise ClaimError(f"{table.get('name', table)}: {error}") from None
     return claims
 
 
+def _tests(tables: Iterable[Mapping[str, Any]]) -> list[Test]:
+    return [Test(**table) for table in tables]
+
+
 def load_opinions(path: Path) -> dict[str, list[str]]:
     """Read for each recorded value how it was computed again; nothing if there is no such file."""
-    found = defaultdict(list)
+    found: dict[str, list[str]] = {}
     told = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     for opinion in told.get("opinion", ()):
         for place in opinion["values"]:
-            found[place].append(opinion["how"])
+            found.setdefault(place, []).append(opinion["how"])
     return found
 
 
@@ -293,8 +289,7 @@ class Verdicts:
         computed = {place for place in places if _record(self.records, place).get("compared", True)}
         fewest = 1 + min((len(self.opinions.get(place, ())) for place in computed), default=0)
         times = {1: "once", 2: "twice"}.get(fewest, f"{fewest} times")
-        timed = computed != places
-        own = "by the notebook, a measured time" if timed else "by the notebook"
+        own = "by the notebook" if computed == places else "by the notebook, a measured time"
         return f"{times}: {'; '.join([own, *others])}"
 
     def summary(self) -> str:
@@ -302,10 +297,9 @@ class Verdicts:
         told = []
         for verdict, claims in self.by_verdict().items():
             one = len(claims) == 1
-            verb = {DEPENDS: "", UNTESTABLE: ""}.get(verdict, "is " if one else "are ")
+            verb = "" if verdict in (DEPENDS, UNTESTABLE) else "is " if one else "are "
             told.append(f"{len(claims)} {verb}{verdict if one else _PLURAL.get(verdict, verdict)}")
-        *others, last = told
-        joined = f"{', '.join(others)}{' and ' if others else ''}{last}"
+        joined = " and ".join(", ".join(told).rsplit(", ", 1))
         return f"Of {len(self.claims)} claims, {joined}.\n"
 
     def listed(self, pages: str) -> str:
@@ -318,9 +312,9 @@ class Verdicts:
         return "\n".join(cards)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.claims RESULTS``: write the verdicts beside the results."""
-    (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    (results,) = map(Path, arguments)
     project = Project.find()
     try:
         beside = load_turned(project.variations), load_opinions(project.opinions)
@@ -341,4 +335,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -16,8 +16,6 @@ from typing import Any
 import click
 
 from reportkit import check, parameters, text
-from reportkit.check import Comparison
-from reportkit.parameters import Notebook, ParameterError
 from reportkit.project import Project, ProjectError
 
 CHANGED, MISUSED, INTERRUPTED = 1, 2, 130
@@ -34,11 +32,9 @@ def main(arguments: list[str] | None = None, project: Project | None = None) -> 
     try:
         own = project or Project.find()
         return commands.main(arguments, own.name, standalone_mode=False, obj=own) or 0
-    except ProjectError as error:
-        print(error, file=sys.stderr)
-        return MISUSED
-    except ParameterError as error:
-        print(f"{own.name} {arguments[0]}: {error}", file=sys.stderr)
+    except (ProjectError, parameters.ParameterError) as error:
+        command = "" if isinstance(error, ProjectError) else f"{own.name} {arguments[0]}: "
+        print(f"{command}{error}", file=sys.stderr)
         return MISUSED
     except click.ClickException as error:
         error.show()
@@ -66,19 +62,19 @@ def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | N
     names = [name] if name else [path.name for path in parameters.sources(folder)]
     found = [parameters.find(one, folder, choices) for one in names]
     if as_json:
-        click.echo(json.dumps([_described(notebook) for notebook in found], indent=1))
+        click.echo(json.dumps([*map(_described, found)], indent=1))
     else:
         width = min(shutil.get_terminal_size((88, 24)).columns, 100)
         click.echo("\n".join(_shown(notebook, width) for notebook in found), nl=False)
 
 
-def _described(notebook: Notebook) -> dict[str, Any]:
+def _described(notebook: parameters.Notebook) -> dict[str, Any]:
     items = (asdict(one) | {"type": one.kind.__name__} for one in notebook.parameters.values())
     about = {key: getattr(notebook, key) for key in ("name", "title", "summary")}
     return about | {"parameters": list(items)}
 
 
-def _shown(notebook: Notebook, width: int) -> str:
+def _shown(notebook: parameters.Notebook, width: int) -> str:
     def fill(line: str, indent: int, hanging: int = 0) -> str:
         return click.wrap_text(line, width, " " * indent, " " * (indent + hanging))
 
@@ -130,17 +126,16 @@ def _table(name: str | None) -> dict[str, Any]:
     try:
         return tomllib.loads(Path(name).read_text(encoding="utf-8")) if name is not None else {}
     except (OSError, ValueError) as error:
-        raise ParameterError(f"{name}: no TOML file of parameters: {error}") from None
+        raise parameters.ParameterError(f"{name}: no TOML file of parameters: {error}") from None
 
 
-def _told(pairs: list[Comparison]) -> str:
+def _told(pairs: list[check.Comparison]) -> str:
     if not pairs:
         return "there are no published values to compare with"
-    changes = [pair.change() for pair in pairs if pair.moved]
-    count = f"{len(changes)} of {len(pairs)} recorded values changed"
+    rows = [[*pair.change[:4], pair.change[5]] for pair in pairs if pair.moved]
+    count = f"{len(rows)} of {len(pairs)} recorded values changed"
     heading = ["recorded value", "published", "now", "difference", "unit"]
-    rows = ([*change[:4], change[5]] for change in changes)
-    return f"{text.columns(heading, rows)}\n{count}" if changes else count
+    return f"{text.columns(heading, rows)}\n{count}" if rows else count
 
 
 @commands.command("check")
@@ -154,11 +149,10 @@ def check_(project: Project, update: bool, results: Path | None, expected: Path 
     try:
         pairs = check.compare_folders(results or project.results, expected)
     except (OSError, ValueError) as error:
-        raise ParameterError(str(error)) from None
+        raise parameters.ParameterError(str(error)) from None
     moved = [pair.row() for pair in pairs if pair.moved]
     if moved:
-        heading = ["name", "expected", "got", "tolerance", "notebook"]
-        click.echo(text.columns(heading, moved))
+        click.echo(text.columns(["name", "expected", "got", "tolerance", "notebook"], moved))
     if update:
         check.update(pairs, expected)
         click.echo(f"{len(moved)} expectations updated in {expected}")

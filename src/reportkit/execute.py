@@ -29,12 +29,10 @@ class NotebookError(RuntimeError):
     """A notebook could not be executed; the message names it, its cell and the error."""
 
 
-def execute(
-    source: Path | str, results_dir: Path | str, parameters: Mapping[str, Any] | None = None
-) -> list[str]:
+def execute(source: Path, results: Path, parameters: Mapping[str, Any] | None = None) -> list[str]:
     """Execute a notebook and put it and the results it writes into a folder.
 
-    Results of an earlier run of the same notebook in `results_dir` are replaced only when the new
+    Results of an earlier run of the same notebook in `results` are replaced only when the new
     run has succeeded. The executed notebook comes last, because make takes it as the sign that
     the rest is there. Two runs give the same bytes.
 
@@ -42,7 +40,7 @@ def execute(
     ----------
     source : path
         The notebook, ``NN_topic.ipynb``.
-    results_dir : path
+    results : path
         The folder for the executed notebook ``NN_topic.ipynb`` and its results ``NN_topic.json``
         and ``NN_topic-*``; made if missing.
     parameters : mapping, optional
@@ -58,9 +56,11 @@ def execute(
     NotebookError
         If the notebook cannot be read or fails.
     """
-    source, results_dir = Path(source), Path(results_dir)
-    with executed(source, results_dir, parameters or {}) as (new, complaints):
-        _publish(new, results_dir, source.stem)
+    with executed(source, results, parameters or {}) as (new, complaints):
+        for path in [*results.glob(f"{source.stem}[.-]*")]:
+            path.unlink()
+        for path in sorted(new.iterdir(), key=lambda path: path.suffix == ".ipynb"):
+            path.replace(results / path.name)
     return complaints
 
 
@@ -150,10 +150,8 @@ def _explain(source: Path, error: PapermillExecutionError) -> str:
     frames = _FRAME.findall(_ANSI.sub("", "\n".join(error.traceback)))
     places = "".join(f"\n  in {function}, {file}" for file, function in frames)
     code = "".join(f"\n    {line}" for line in error.source.splitlines())
-    return (
-        f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
-        f"  {error.ename}: {_ANSI.sub('', error.evalue)}"
-    )
+    told = f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
+    return f"{told}  {error.ename}: {_ANSI.sub('', error.evalue)}"
 
 
 def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
@@ -173,25 +171,17 @@ def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
     return complaints
 
 
-def _publish(new: Path, results_dir: Path, stem: str) -> None:
-    for path in [*results_dir.glob(f"{stem}.*"), *results_dir.glob(f"{stem}-*")]:
-        path.unlink()
-    for path in sorted(new.iterdir(), key=lambda path: path.suffix == ".ipynb"):
-        path.replace(results_dir / path.name)
-
-
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; return the exit code."""
-    arguments = sys.argv[1:] if arguments is None else arguments
     if len(arguments) != 2:
         print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
         return 2
-    source, results_dir = arguments
+    source, results = map(Path, arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children by it
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
     try:
-        complaints = execute(source, results_dir)
+        complaints = execute(source, results)
     except NotebookError as error:
         print(f"\n{error}\n", file=sys.stderr)
         return 1
@@ -201,10 +191,10 @@ def main(arguments: list[str] | None = None) -> int:
     for complaint in complaints:
         print(f"{source} warned: {complaint}", file=sys.stderr)
     seconds = f"{time.perf_counter() - start:.1f}"
-    Path(results_dir, f"{Path(source).stem}-seconds.txt").write_text(f"{seconds}\n")
+    (results / f"{source.stem}-seconds.txt").write_text(f"{seconds}\n")
     print(f"{source}: done in {seconds} s", flush=True)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

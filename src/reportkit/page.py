@@ -47,32 +47,30 @@ def render(
     project
         The report that the notebook belongs to.
     """
-    environment = Environment(
-        loader=PackageLoader("reportkit"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
+    files = PackageLoader("reportkit")
+    pages = Environment(loader=files, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     markdown = _markdown()
-    environment.filters |= {
+    pages.filters |= {
         # a reference to another page becomes its text
         "markdown": lambda text: Markup(markdown.render(_ROLE.sub(r"*\1*", text))),
         "base64": lambda text: base64.b64encode(text.encode()).decode(),
         "plain": lambda text: _ANSI.sub("", text),
     }
-    known, mathjax = notebook.parameters, project.mathjax
-    source = mathjax.read_text(encoding="utf-8") if mathjax.exists() else ""
-    return environment.get_template("rerun.html").render(
+    mathjax = project.mathjax.read_text(encoding="utf-8") if project.mathjax.exists() else ""
+    items = ((notebook.parameters[name], value) for name, value in parameters.items())
+    return pages.get_template("rerun.html").render(
         notebook=notebook,
         cells=executed.cells,
         settings=[
             [item.name, number(item.default), number(value), item.unit or "", item.help]
-            for item, value in ((known[name], value) for name, value in parameters.items())
+            for item, value in items
             if value != item.default
         ],
-        moved=[pair.change() for pair in comparisons if pair.moved],
-        same=[pair.change() for pair in comparisons if not pair.moved],
+        comparisons=comparisons,
         started=started,
         versions=[f"{name} {version(name)}" for name in project.versions],
         python=platform.python_version(),
-        mathjax=Markup(source.replace("</script", "<\\/script")),
+        mathjax=Markup(mathjax.replace("</script", "<\\/script")),
     )
 
 

@@ -24,6 +24,7 @@ import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from tokenize import COMMENT, generate_tokens
 from typing import Any
@@ -53,11 +54,11 @@ class Parameter:
     allowed: str
 
     def __post_init__(self) -> None:
-        if not isinstance(self.default, str | bool):
-            if not self.unit or not set(re.split("[ /]", self.unit.rstrip("²³"))) <= _SYMBOLS:
-                raise ParameterError(f"{self.name}: unit {self.unit!r} is none; 1 stands for none")
-            if not self.allowed:
-                raise ParameterError(f"{self.name}: what is allowed is not said")
+        numeric = not isinstance(self.default, str | bool)
+        if numeric and not set(re.split("[ /]", (self.unit or "").rstrip("²³"))) <= _SYMBOLS:
+            raise ParameterError(f"{self.name}: unit {self.unit!r} is none; 1 stands for none")
+        if numeric and not self.allowed:
+            raise ParameterError(f"{self.name}: what is allowed is not said")
         if not self.help:
             raise ParameterError(f"{self.name}: the help text is missing")
         self.check(self.default)
@@ -65,10 +66,10 @@ class Parameter:
     @property
     def kind(self) -> type:
         """The type of the value, or of each value of a list."""
-        values = self.default if isinstance(self.default, list) else [self.default]
-        kinds = {type(value) for value in values}
+        several = isinstance(self.default, list)
+        kinds = set(map(type, self.default)) if several else {type(self.default)}
         kind = float if kinds == {int, float} else kinds.pop() if len(kinds) == 1 else None
-        if kind not in _KINDS or (isinstance(self.default, list) and kind not in (int, float)):
+        if kind is None or kind not in ((int, float) if several else _KINDS):
             raise ParameterError(f"{self.name} = {self.default!r}: of no type that can be checked")
         return kind
 
@@ -77,9 +78,8 @@ class Parameter:
         """The allowed values in words."""
         if self.allowed == "path":
             return "a file"
-        text = _KINDS[self.kind]
-        if isinstance(self.default, list):
-            text = f"a list of {text.split()[1]}s"
+        one = _KINDS[self.kind]
+        text = f"a list of {one.split()[1]}s" if isinstance(self.default, list) else one
         text += f", {self.allowed}" if self.allowed else ""
         return text + (f" ({self.unit})" if self.unit not in (None, "1") else "")
 
@@ -224,13 +224,12 @@ def find(name: str, folder: Path, choices: Mapping[str, Any] | None = None) -> N
     ParameterError
         If there is none; the message suggests the nearest name.
     """
-    paths = sources(folder)
+    paths = {path.stem: path for path in sources(folder)}
     short = Path(name).name.removesuffix(".ipynb")
-    fits = [path for path in paths if short in (path.stem, path.stem[:2], path.stem[3:])]
+    fits = [stem for stem in paths if short in (stem, stem[:2], stem[3:])]
     if len(fits) != 1:
-        stems = [path.stem for path in paths]
-        raise ParameterError(f"{name}: no notebook in {folder}; {_nearest(short, stems)}")
-    return read(fits[0], choices)
+        raise ParameterError(f"{name}: no notebook in {folder}; {_nearest(short, paths)}")
+    return read(paths[fits[0]], choices)
 
 
 def sources(folder: Path) -> list[Path]:
@@ -249,20 +248,18 @@ def sources(folder: Path) -> list[Path]:
 
 
 def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
-    tree, lines = ast.parse(source), ["", *source.split("\n")]
+    # an import is that of the choices
+    nodes = [node for node in ast.parse(source).body if not isinstance(node, ast.ImportFrom)]
+    lines = source.split("\n")
     tokens = generate_tokens(io.StringIO(source).readline)
     comments = {t.start[0]: t.string.lstrip("#").strip() for t in tokens if t.type == COMMENT}
-    for node in tree.body:
-        if isinstance(node, ast.ImportFrom):  # of the choices
-            continue
+    for node in nodes:
         if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
             raise ParameterError(f"cell of parameters: {ast.unparse(node)} is no NAME = VALUE")
-        first = last = node.end_lineno or 0
-        if last not in comments:  # it stands above
-            first, last = node.lineno, node.lineno - 1
-            while lines[first - 1].startswith("#"):
-                first -= 1
-        comment = " ".join(comments[line] for line in range(first, last + 1))
+        if not (comment := comments.get(node.end_lineno or 0)):  # it stands above
+            before = reversed(lines[: node.lineno - 1])
+            above = takewhile(lambda line: line.startswith("#"), before)
+            comment = " ".join(line.lstrip("#").strip() for line in reversed([*above]))
         default = _default(node.value, choices)
         text, _, allowed = (part.strip() for part in comment.partition(";"))
         unit = None

@@ -12,13 +12,8 @@ from pypdf.generic import NameObject, TextStringObject
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 MARGIN = PdfMargins(top="17mm", bottom="17mm", left="18mm", right="18mm")
-#: Printed headings in the order of the outline; a formula among the words is taken from its MathML.
-HEADINGS = """() => [...document.querySelectorAll('h1, h2, h3, h4, h5, h6')]
-.filter(heading => heading.checkVisibility()).map(heading => {
-  const copy = heading.cloneNode(true);
-  copy.querySelectorAll('.headerlink, svg').forEach(part => part.remove());
-  return copy.textContent.replace(/\\s+/g, ' ').trim();
-})"""
+#: Script that lists the printed headings.
+HEADINGS = Path(__file__).parent / "templates" / "headings.js"
 #: Chromium prints this beneath each page.
 FOOTER = '<div style="font: 8px sans-serif; margin: auto"><span class="pageNumber"></span></div>'
 
@@ -52,7 +47,7 @@ def print_page(page: Path, pdf: Path) -> None:
         tab.emulate_media(media="print")
         tab.goto(page.resolve().as_uri())
         tab.evaluate("() => window.MathJax?.startup?.promise")
-        headings = tab.evaluate(HEADINGS)
+        headings = tab.evaluate(HEADINGS.read_text(encoding="utf-8"))
         part = pdf.with_suffix(".part")
         tab.pdf(
             path=part, format="A4", margin=MARGIN, scale=0.85, tagged=True, outline=True,
@@ -85,9 +80,9 @@ def _entries(outline: list[Any]) -> Iterator[Any]:
         yield from _entries(entry) if isinstance(entry, list) else [entry]
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.pdf PAGE PDF``."""
-    page, pdf = map(Path, sys.argv[1:] if arguments is None else arguments)
+    page, pdf = map(Path, arguments)
     try:
         print_page(page, pdf)
     except FileNotFoundError as error:
@@ -97,4 +92,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

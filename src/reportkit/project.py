@@ -57,9 +57,8 @@ class Project:
 
     def read_choices(self) -> dict[str, Any]:
         """Read the values that cells of parameters refer to; none if there is no such file."""
-        if not self.choices.is_file():
-            return {}
-        return tomllib.loads(self.choices.read_text(encoding="utf-8"))
+        text = self.choices.read_text(encoding="utf-8") if self.choices.is_file() else ""
+        return tomllib.loads(text)
 
     @classmethod
     def find(cls, start: Path | None = None) -> Self:

@@ -4,6 +4,7 @@ import hashlib
 import platform
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
@@ -44,14 +45,12 @@ def _commit(root: Path) -> str:
         return ""
 
 
-def run_times(results: Path) -> list[tuple[str, str]]:
+def run_times(results: Path) -> Iterator[tuple[str, str]]:
     """List the executed notebooks, as links, each with the seconds that it took."""
-    rows = []
     for path in sorted(results.glob("[0-9][0-9]_*.ipynb")):
         seconds = results / f"{path.stem}-seconds.txt"
         told = seconds.read_text().strip() if seconds.exists() else "–"
-        rows.append((f"{{doc}}`{path.stem} <{results.name}/{path.stem}>`", told))
-    return rows
+        yield f"{{doc}}`{path.stem} <{results.name}/{path.stem}>`", told
 
 
 def sums(project: Project) -> list[tuple[str, str]]:
@@ -59,12 +58,11 @@ def sums(project: Project) -> list[tuple[str, str]]:
 
     Expected results only judge, so they are left out.
     """
+    files = (path for path in sorted(project.data.rglob("*")) if path.is_file())
     return [
         (hashlib.sha256(path.read_bytes()).hexdigest(), str(path.relative_to(project.root)))
-        for path in sorted(project.data.rglob("*"))
-        if path.is_file()
-        and project.expected not in path.parents
-        and path.parent.name != "__pycache__"
+        for path in files
+        if project.expected not in path.parents and path.parent.name != "__pycache__"
     ]
 
 
@@ -83,12 +81,12 @@ def write(project: Project, results: Path) -> None:
         text.write(results / f"appendix-{name}", content)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.provenance RESULTS``; return the exit code."""
-    (results,) = map(Path, sys.argv[1:] if arguments is None else arguments)
+    (results,) = map(Path, arguments)
     write(Project.find(), results)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

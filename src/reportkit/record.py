@@ -20,7 +20,6 @@ from reportkit import figures, text
 #: Environment variable with the folder of the results, set by the build.
 RESULTS_VARIABLE = "REPORT_RESULTS"
 
-Value = float | int | str | bool
 Data: TypeAlias = Mapping[str, Any] | pd.DataFrame
 
 _STUDY = re.compile(r"\d\d_[a-z0-9_]+")
@@ -54,7 +53,7 @@ class Study:
         self.name = name
         self.results = Path(os.environ.get(RESULTS_VARIABLE) or Path("runs", name))
         self.results.mkdir(parents=True, exist_ok=True)
-        self._records: dict[str, dict[str, Value | None]] = {}
+        self._records: dict[str, dict[str, Any]] = {}
         self._keys: set[str] = set()
 
     def record(
@@ -99,9 +98,9 @@ class Study:
             raise ValueError(f"tolerance of {name}: absolute or relative, not both")
         if unit is None and not isinstance(value, bool | str):
             unit = "1"
-        kept = {"value": value, "unit": unit, "tolerance": _tolerance(name, tolerance)}
-        if relative is not None:
-            kept["relative"] = _tolerance(name, relative)
+        kept = {"value": value, "unit": unit, "tolerance": None}
+        given = {"tolerance": tolerance, "relative": relative}
+        kept |= {key: _tolerance(name, most) for key, most in given.items() if most is not None}
         self._records[name] = kept if compared else kept | {"compared": False}
         text.write(self.results / f"{self.name}.json", text.to_json(self._records))
         glue(name, ("yes" if value else "no") if isinstance(value, bool) else value, display=False)
@@ -115,9 +114,7 @@ class Study:
             if value == value:  # a NaN is not
                 self.record(name, value, unit, **rule)
 
-    def figure(
-        self, key: str, fig: Figure, data: Data | None = None, *, alt: str | None = None
-    ) -> None:
+    def figure(self, key: str, fig: Figure, data: Data | None = None, *, alt: str = "") -> None:
         """Save a figure as ``<results>/<study>-<key>.svg``, show it and close it.
 
         Parameters
@@ -140,9 +137,7 @@ class Study:
         display(SVG(filename=path), metadata={"image/svg+xml": {"alt": alt}})
         plt.close(fig)
 
-    def table(
-        self, key: str, rows: pd.DataFrame | Iterable[Any], columns: Sequence[str] | None = None
-    ) -> None:
+    def table(self, key: str, rows: Iterable[Any], columns: Sequence[str] | None = None) -> None:
         """Save a table for ``{include}`` as ``<results>/<study>-<key>.md`` and show it.
 
         Parameters
@@ -220,9 +215,7 @@ def _check_key(key: Any, taken: Any) -> None:
         raise ValueError(f"name {key!r}: already recorded in this study, each name only once")
 
 
-def _tolerance(name: str, value: float | None) -> float | None:
-    if value is None:
-        return None
+def _tolerance(name: str, value: float) -> float:
     if not isinstance(value, numbers.Real) or not 0 <= value < math.inf:
         raise ValueError(f"tolerance of {name} = {value!r}: expected a number >= 0")
     return float(value)

@@ -1,9 +1,9 @@
 """Execute a notebook with other parameters, beside the book, and report what changed."""
 
-import itertools
 import json
 from collections.abc import Iterable, Mapping
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ import nbformat
 import pandas as pd
 
 from reportkit import check, page
-from reportkit.check import Comparison
 from reportkit.execute import executed, locked
 from reportkit.parameters import Notebook
 from reportkit.project import Project
@@ -19,7 +18,7 @@ from reportkit.project import Project
 
 def rerun(
     notebook: Notebook, parameters: Mapping[str, Any], parent: Path, project: Project
-) -> tuple[Path, list[Comparison], list[str]]:
+) -> tuple[Path, list[check.Comparison], list[str]]:
     """Execute a notebook and put everything it makes into a new folder ``NN_topic-<time>``.
 
     The folder appears as a whole when all is done. Several reruns into one `parent` at a time do
@@ -71,7 +70,7 @@ def rerun(
 COLUMNS = ["name", "published", "got", "difference", "relative difference", "unit", "changed"]
 
 
-def _row(pair: Comparison) -> list[Any]:
+def _row(pair: check.Comparison) -> list[Any]:
     old, new = pair.expected or {}, pair.got or {}
     values = old.get("value"), new.get("value"), pair.difference, pair.relative
     return [pair.name, *values, (new or old)["unit"], "yes" if pair.moved else "no"]
@@ -83,7 +82,7 @@ def _write_csv(path: Path, heading: list[str], rows: Iterable[list[Any]]) -> Non
 
 
 def _publish(new: Path, parent: Path, name: str) -> Path:
+    endings = chain([""], map("-{}".format, count(2)))
     with locked(parent):
-        names = itertools.chain([name], (f"{name}-{n}" for n in itertools.count(2)))
-        folder = next(parent / name for name in names if not (parent / name).exists())
-        return new.rename(folder)
+        places = (parent / f"{name}{ending}" for ending in endings)
+        return new.rename(next(place for place in places if not place.exists()))

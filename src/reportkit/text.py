@@ -4,7 +4,9 @@ import json
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+
+Row: TypeAlias = Sequence[Any]  #: cells of a table
 
 
 def write(path: Path, text: str) -> None:
@@ -39,13 +41,10 @@ def columns(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     rows = [heading, *rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     rows.insert(1, ["-" * width for width in widths])
-    pad = [[cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
-    return "\n".join("  ".join(row).rstrip() for row in pad)
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 
 
-def markdown_table(
-    heading: Sequence[Any], rows: Iterable[Sequence[Any]], right: Iterable[int] = ()
-) -> str:
+def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ()) -> str:
     """Return a Markdown table for ``{include}``.
 
     Parameters

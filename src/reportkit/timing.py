@@ -9,8 +9,8 @@ import timeit
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from math import nan
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ Clock = Callable[[], float]
 
 #: A measurement lasts at least this many times the resolution of the clock.
 RESOLUTIONS = 100
+#: Packages whose versions matter for a time.
+PACKAGES = ("numpy", "numba", "scipy", "scikit-sundae")
 #: Clocks of processor time; the first one counts helper threads as well.
 CLOCKS: dict[str, Clock] = {"process_time": time.process_time, "thread_time": time.thread_time}
 
@@ -65,7 +67,7 @@ class Timing:
 
         ratios = np.sort(self.of(name) / self.of(to))
         k = int(binom.ppf(0.025, ratios.size, 0.5))
-        return [float(ratios[k - 1]), float(ratios[-k])] if k else [nan, nan]
+        return [float(ratios[k - 1]), float(ratios[-k])] if k else [np.nan, np.nan]
 
 
 def measure(
@@ -73,7 +75,6 @@ def measure(
     repetitions: int = 7,
     *,
     shortest: float = 1e-3,
-    seed: int = 0,
     clocks: Mapping[str, Clock] = CLOCKS,
     warm_up: bool = True,
     progress: Callable[[int], object] = lambda _: None,
@@ -94,8 +95,6 @@ def measure(
         Measurements of each function.
     shortest : float
         s, least duration of a measurement.
-    seed : int
-        Seed of the order within the repetitions.
     clocks : mapping of name to clock
         The first is taken unless another is more than twice as fine; then the finest.
     warm_up : bool
@@ -121,7 +120,7 @@ def measure(
     first = next(iter(clocks))
     chosen = min(clocks, key=lambda name: resolutions[name] * (1 if name == first else 2))
     clock, least = clocks[chosen], max(shortest, RESOLUTIONS * resolutions[chosen])
-    random, counts = np.random.default_rng(seed), dict.fromkeys(functions, 1)
+    random, counts = np.random.default_rng(0), dict.fromkeys(functions, 1)
     for function in functions.values() if warm_up else ():
         function()
     rows = []
@@ -149,13 +148,14 @@ def _timing(rows: list[list[Any]], clock: str, resolutions: Mapping[str, float])
 
 def resolution(clock: Clock, samples: int = 100) -> float:
     """Return the median difference in s between successive unequal readings of a clock."""
-    steps = np.empty(samples)
-    for n in range(samples):
+
+    def step() -> float:
         now = before = clock()
         while now == before:
             now = clock()
-        steps[n] = now - before
-    return float(np.median(steps))
+        return now - before
+
+    return median(step() for _ in range(samples))
 
 
 def spent() -> float:
@@ -181,9 +181,7 @@ def computer() -> str:
     return f"{processor()}, {os.cpu_count()} processors, {platform.system()} {platform.machine()}"
 
 
-def machine(
-    packages: Sequence[str] = ("numpy", "numba", "scipy", "scikit-sundae"),
-) -> pd.DataFrame:
+def machine(packages: Sequence[str] = PACKAGES) -> pd.DataFrame:
     """Return computer, software and load as a table of one row.
 
     Parameters

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from armbook import peers as solvers
 from armbook import problems
 from armbook.peers import fixed, peers
 from armbook.problems import arm_problems, exactly, linear_problem, region_flow
@@ -34,8 +33,6 @@ def move():
 @pytest.mark.parametrize("name", NAMES)
 def test_each_solver_meets_its_tolerance_where_all_is_smooth(linear, name):
     solve = peers(1e-7, 1e-7 * linear.size)[name]
-    if solve is None:
-        pytest.skip("scikit-sundae is not installed")
     counter = linear.equations.counting()
     t, y = linear.run(solve, counter)
     assert t.size == y.shape[1] == 100
@@ -47,8 +44,6 @@ def test_each_solver_meets_its_tolerance_where_all_is_smooth(linear, name):
 def test_restarted_at_the_events_each_solver_converges(step, name):
     _, problem = arm_problems(step)
     solve = peers(1e-8, 1e-8 * problem.size)[name]
-    if solve is None:
-        pytest.skip("scikit-sundae is not installed")
     assert problem.error(*problem.run(solve)) < 1e-3  # DOP853 errs between its steps
 
 
@@ -97,15 +92,6 @@ def test_runs_without_end_are_given_up(linear, monkeypatch):
     solve = peers(1e-7, 1e-7 * linear.size)["SciPy RK45"]
     with pytest.raises(IntegrationError, match="more than 20 evaluations"):
         linear.run(solve, linear.equations.counting())
-
-
-def test_absent_solver_is_none(monkeypatch):
-    monkeypatch.setattr(solvers, "CVODE", None)
-    assert [name for name, solve in peers(1e-3, np.ones(1)).items() if solve is None] == [
-        "CVODE BDF",
-        "CVODE Adams",
-    ]
-    assert peers(1e-3, np.ones(1))["DP5(4)"] is not None
 
 
 def test_what_is_not_finite_is_wrong(linear):
