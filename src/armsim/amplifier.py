@@ -12,6 +12,7 @@ problems like this one. Noise and Rayleigh scattering are neglected.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -106,11 +107,9 @@ class RamanAmplifier:
     infrared: float = 7.8e8
 
     def __post_init__(self) -> None:
-        if len(self.pump_wavelengths) != len(self.pump_powers):
-            raise ValueError(
-                f"{len(self.pump_wavelengths)} pump_wavelengths and {len(self.pump_powers)} "
-                "pump_powers: one power is needed for each pump"
-            )
+        if (pumps := len(self.pump_wavelengths)) != (powers := len(self.pump_powers)):
+            found = f"{pumps} pump_wavelengths and {powers} pump_powers"
+            raise ValueError(f"{found}: one power is needed for each pump")
         checked_count("channels", self.channels)
         for name in ("channel_power", "length", "effective_area", "peak_gain"):
             checked_number(name, getattr(self, name), above=0.0)
@@ -255,11 +254,7 @@ def fewest(succeeds: Callable[[int], bool], most: int) -> float:
     while not succeeds(n := 2 * n):
         if 2 * n > most:
             return math.nan
-    low = n // 2
-    while n - low > 1:
-        middle = (low + n) // 2
-        low, n = (low, middle) if succeeds(middle) else (middle, n)
-    return float(n)
+    return float(bisect_left(range(n), True, n // 2 + 1, key=succeeds))
 
 
 @kept()
@@ -305,10 +300,9 @@ def average_power(
     h = length / sections
     power = power.copy()
     for _ in range(sections):
-        mean = power
-        for n in range(evaluations):
+        exponent = h * growth_rate(power, loss, gain)
+        for _ in range(evaluations - 1):
+            mean = power * np.where(exponent == 0, 1.0, np.expm1(exponent) / exponent)
             exponent = h * growth_rate(mean, loss, gain)
-            if n < evaluations - 1:
-                mean = power * np.where(exponent == 0, 1.0, np.expm1(exponent) / exponent)
         power *= np.exp(exponent)
     return power

@@ -1,8 +1,8 @@
 """Argument checks whose messages name the argument, and the error for failed integrations."""
 
 import difflib
-import math
 from collections.abc import Iterable
+from math import inf, isfinite
 from numbers import Integral, Real
 
 import numpy as np
@@ -12,9 +12,7 @@ class IntegrationError(ArithmeticError):
     """Failure of an integration before its end."""
 
 
-def checked_number(
-    name: str, value: object, *, above: float = -math.inf, zero: bool = False
-) -> float:
+def checked_number(name: str, value: object, *, above: float = -inf, zero: bool = False) -> float:
     """Return a finite real number as a float, or raise an error.
 
     Parameters
@@ -38,9 +36,9 @@ def checked_number(
     try:
         number = float(value)
     except OverflowError:  # a huge integer
-        number = math.inf
-    if not math.isfinite(number) or number < above or (number == above and not zero):
-        allowed = "" if above == -math.inf else " and not negative" if zero else " and positive"
+        number = inf
+    if not isfinite(number) or number < above or (number == above and not zero):
+        allowed = "" if above == -inf else " and not negative" if zero else " and positive"
         raise ValueError(f"{name} = {value!r} is not allowed; it must be finite{allowed}")
     return number
 
@@ -60,6 +58,13 @@ def checked_count(name: str, value: object, least: int = 1) -> int:
     return int(value)
 
 
+def checked_type(name: str, value: object, kind: type, example: str = "") -> None:
+    """Raise a TypeError if a value is not of a type."""
+    if not isinstance(value, kind):
+        such = f", such as {example}" if example else ""
+        raise TypeError(f"{name} = {value!r}: a {kind.__name__} is needed{such}")
+
+
 def reals(name: str, value: object) -> np.ndarray:
     """Return real numbers as a new array of floats of the same shape, or raise an error.
 
@@ -76,7 +81,7 @@ def reals(name: str, value: object) -> np.ndarray:
     raise ValueError(f"{name} = {value!r}: real numbers are needed")
 
 
-def checked_times(t: object, start: float, end: float) -> np.ndarray:
+def checked_times(t: object, start: float, end: float, name: str = "t") -> np.ndarray:
     """Return a time or times as a row (n,), if all lie within a run from `start` to `end`.
 
     Raises
@@ -84,12 +89,12 @@ def checked_times(t: object, start: float, end: float) -> np.ndarray:
     ValueError
         If one does not, or the times are neither a number nor a row.
     """
-    times, (low, high) = np.atleast_1d(reals("t", t)), sorted((start, end))
+    times, (low, high) = np.atleast_1d(reals(name, t)), sorted((start, end))
     if times.ndim > 1:
-        raise ValueError(f"t has shape {times.shape}; a number or one row of numbers is needed")
+        raise ValueError(f"{name} has shape {times.shape}; a number or one row is needed")
     outside = times[~((times >= low) & (times <= high))]
     if outside.size:
-        raise ValueError(f"t = {outside[0]} is outside the run; allowed is {low} to {high}")
+        raise ValueError(f"{name} = {outside[0]} is outside the run; allowed is {low} to {high}")
     return times
 
 

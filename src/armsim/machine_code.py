@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from importlib import metadata
 from operator import attrgetter
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import CodeType, EllipsisType, FunctionType, ModuleType
 from typing import Any
 from uuid import uuid4
 
@@ -35,7 +35,8 @@ from numba.misc.appdirs import AppDirs
 #: Known by their versions: numba has implementations of its own for what is called there.
 _LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "scipy"}
 _VERSIONS = [sys.version, *(metadata.version(name) for name in ("numba", "numpy", "scipy"))]
-_PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), np.generic, np.dtype)
+_PLAIN = bool | int | float | complex | str | bytes | None | EllipsisType | np.generic | np.dtype
+_KNOWN = _PLAIN | types.Type | types.ExternalFunction
 #: Types of arguments whose texts tell all about them.
 _SIMPLE = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.Omitted, types.NoneType)
 
@@ -70,7 +71,7 @@ def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
         value = value.py_func
     if isinstance(value, _Intrinsic):
         value = value._defn
-    if isinstance(value, _PLAIN):
+    if isinstance(value, _KNOWN):
         yield f"{type(value).__name__} {value!r}"
     elif isinstance(value, tuple | list):
         yield f"{type(value).__name__} {getattr(value, '_fields', len(value))}"
@@ -80,8 +81,6 @@ def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
         yield repr(sorted(map(repr, value)))
     elif isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
-    elif isinstance(value, types.Type | types.ExternalFunction):
-        yield repr(value)
     elif name := _defined_in(value, _LIBRARIES):  # not what is made with their classes
         yield name
     elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
@@ -90,16 +89,11 @@ def _parts(value: Any, seen: dict[int, int]) -> Iterator[str]:
         known = len(seen)
         yield f"function {seen.setdefault(id(value), known)}"
         if seen[id(value)] == known:
-            yield from _function_parts(value, seen)
+            cells = [cell.cell_contents for cell in value.__closure__ or ()]
+            yield from _parts([value.__defaults__, cells], seen)
+            yield from _code_parts(value.__code__, value, seen)
     else:
         raise _Unknown(value)
-
-
-def _function_parts(function: FunctionType, seen: dict[int, int]) -> Iterator[str]:
-    yield from _parts(function.__defaults__ or (), seen)
-    for cell in function.__closure__ or ():
-        yield from _parts(cell.cell_contents, seen)
-    yield from _code_parts(function.__code__, function, seen)
 
 
 def _code_parts(code: CodeType, function: FunctionType, seen: dict[int, int]) -> Iterator[str]:

@@ -6,6 +6,9 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
+#: Wraps the iterator over the results, as ``tqdm.tqdm`` does.
+Progress = Callable[[Iterable[Any]], Iterable[Any]]
+
 
 class CaseError(RuntimeError):
     """A case failed.
@@ -19,11 +22,7 @@ class CaseError(RuntimeError):
     case: int
 
 
-def each(
-    function: Callable[[Any], Any],
-    cases: Iterable[Any],
-    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
-) -> list[Any]:
+def each(function: Callable, cases: Iterable[Any], progress: Progress = iter) -> list[Any]:
     """Call a function with each case and return the results in the order of the cases.
 
     Joblib starts one process per processor. A ``joblib.parallel_config`` block selects another

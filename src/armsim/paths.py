@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 _PACKAGE = Path(__file__).resolve().parent
+_PLACES = _PACKAGE / "data", _PACKAGE.parents[1] / "data"
 
 #: The folder ``data`` of the repository, or its copy in an installed wheel.
-DATA = next(
-    folder for folder in (_PACKAGE / "data", _PACKAGE.parents[1] / "data") if folder.is_dir()
-)
+DATA = next(folder for folder in _PLACES if folder.is_dir())
 
 
 def read_toml(name: str) -> dict[str, Any]:

@@ -73,16 +73,9 @@ Constants = namedtuple(
 
 def constants(p: AxisParameters) -> Constants:
     """Return the constants that `rhs` takes as its last argument."""
-    derived = {
-        "per_M": 1 / p.M,
-        "per_J_m": 1 / p.J_m,
-        "K_2_K_t": p.K_2 * p.K_t,
-        "T_p_plus_T_r": p.T_p + p.T_r,
-        "per_T_p_T_r": 1 / (p.T_p * p.T_r),
-        "per_L_a": 1 / p.L_a,
-        "per_K_i": 1 / p.K_i,
-    }
-    values = vars(p) | derived
+    values = vars(p) | {f"per_{name}": 1 / getattr(p, name) for name in ("M", "J_m", "L_a", "K_i")}
+    values |= {"K_2_K_t": p.K_2 * p.K_t, "T_p_plus_T_r": p.T_p + p.T_r}
+    values["per_T_p_T_r"] = 1 / (p.T_p * p.T_r)
     return Constants(*[values[name] for name in Constants._fields])
 
 
@@ -232,8 +225,7 @@ def auxiliary_variables(
     """
     y = np.ascontiguousarray(y, dtype=float)
     out = np.empty((4, y.shape[1]))
-    where = np.array(regions, np.int64).reshape(-1, 4)
-    _auxiliary_columns(y, constants(p), where, out)
+    _auxiliary_columns(y, constants(p), np.array(regions, np.int64).reshape(-1, 4), out)
     return dict(zip(("f_g", "F_s", "v_m", "v_c"), out, strict=True))
 
 

@@ -108,10 +108,8 @@ def _names(header: Sequence[str], where: str) -> list[str]:
         if name in names:
             raise FileError(f"{where}: the column {name!r} stands there twice")
         if unit.replace("²", "^2") != (allowed := COLUMNS[name]):
-            raise FileError(
-                f"{where}: column {name!r} has the unit {unit!r}; allowed is {allowed!r}, "
-                f"so the heading is '{name} [{allowed}]'"
-            )
+            heading = f"allowed is {allowed!r}, so the heading is '{name} [{allowed}]'"
+            raise FileError(f"{where}: column {name!r} has the unit {unit!r}; {heading}")
         names.append(name)
     if missing := [name for name in COLUMNS if name not in names]:
         raise FileError(f"{where}: missing column {', '.join(missing)}; the header is {_HEADER}")

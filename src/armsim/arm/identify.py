@@ -7,10 +7,9 @@ residuals. The standard errors include their uncertainty.
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.optimize import OptimizeResult, brentq, least_squares
@@ -19,9 +18,10 @@ from scipy.stats import qmc
 from armsim import parallel
 from armsim.arm.measurement import Instrument, Measurement, signals
 from armsim.arm.parameters import AxisParameters
-from armsim.arm.simulate import simulate, simulate_many
-from armsim.checks import checked_count
+from armsim.arm.simulate import simulate
+from armsim.checks import checked_count, checked_type
 from armsim.methods.tableaux import Tableau
+from armsim.parallel import Progress
 
 #: Parameters fitted by default.
 NAMES = ("V_L", "B_a", "b_g", "K_g", "F_0")
@@ -62,13 +62,9 @@ class Problem:
 
     def model(self, points: Sequence[np.ndarray]) -> np.ndarray:
         """Signals (r, 3, n) of an ideal instrument at r points, in noise standard deviations."""
-        axes, t = [self.parameters(x) for x in points], self.measurement.elapsed
-        schedule, end = self.measurement.schedule, float(t[-1])
-        if self.method is None:
-            y = simulate_many(axes, schedule, end, t, threads=1)
-        else:
-            how: dict[str, Any] = {"method": self.method, "step_size": self.step_size}
-            y = np.array([simulate(p, schedule, end, **how)(t) for p in axes])
+        t, schedule = self.measurement.elapsed, self.measurement.schedule
+        run = partial(simulate, method=self.method, step_size=self.step_size)
+        y = np.array([run(self.parameters(x), schedule, float(t[-1]))(t) for x in points])
         return signals(y, t, self.axis) / self.instrument.deviations
 
     @cached_property
@@ -240,8 +236,7 @@ def fit(
     >>> print(f"K_g = {found.values[3]:.3g} N/m, give or take {found.standard_errors[3]:.1g}")
     K_g = 5.41e+06 N/m, give or take 3e+03
     """
-    if not isinstance(measurement, Measurement):
-        raise TypeError(f"measurement = {measurement!r}: a Measurement is needed")
+    checked_type("measurement", measurement, Measurement)
     if method is None and step_size is not None:
         raise ValueError(f"step_size = {step_size!r} is for a Runge-Kutta method; give one")
     if not measurement.set_velocity.any():
@@ -268,15 +263,12 @@ def _covariance(slopes: np.ndarray) -> np.ndarray:
     return root @ root.T
 
 
-def _bounds(
-    axis: AxisParameters, names: Sequence[str], given: Mapping[str, tuple[float, float]]
-) -> np.ndarray:
+def _bounds(axis: AxisParameters, names: Sequence[str], given: Mapping) -> np.ndarray:
     """Lower and upper bound (k, 2) of each parameter."""
     known = [item.name for item in dataclasses.fields(axis) if item.name != "K_1"]
     if not names or not set(names) <= set(known) or len(set(names)) < len(names):
-        raise ValueError(
-            f"names = {names!r}: one or more different parameters are needed, of {', '.join(known)}"
-        )
+        needed = f"one or more different parameters are needed, of {', '.join(known)}"
+        raise ValueError(f"names = {names!r}: {needed}")
     if extra := [name for name in given if name not in names]:
         raise ValueError(f"bounds for {', '.join(extra)}, not among the fitted {', '.join(names)}")
     defaults = {n: (getattr(axis, n) / _RANGE, getattr(axis, n) * _RANGE) for n in names}
@@ -317,9 +309,8 @@ def profile(fit: Fit, name: str, values: Sequence[float] | np.ndarray) -> np.nda
     if at.ndim != 1 or not (at > 0).all():
         raise ValueError(f"values = {values!r}: a row of positive numbers is needed")
     n, whole = fit.names.index(name), fit.problem
-    names, low, high, others = (
-        np.delete(row, n) for row in (whole.names, whole.low, whole.high, fit.logarithms)
-    )
+    rows = whole.names, whole.low, whole.high, fit.logarithms
+    names, low, high, others = (np.delete(row, n) for row in rows)
     rest = dataclasses.replace(whole, names=tuple(names), low=low, high=high)
     rise, middle = np.empty(at.size), fit.values[n]
     # Each side is scanned outwards, and each refit starts from the one before.
@@ -407,12 +398,7 @@ class Bootstrap:
         return np.percentile(self.values, [tail, 100 - tail], axis=0).T
 
 
-def bootstrap(
-    fit: Fit,
-    n: int = 1000,
-    seed: int = 0,
-    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
-) -> Bootstrap:
+def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter) -> Bootstrap:
     """Parametric bootstrap: refit simulated records of the fitted motion with fresh noise.
 
     Parameters

@@ -95,16 +95,12 @@ class LinearAxis:
         checked_number("set_velocity", set_velocity)
         numerator, denominator = self.transfer_function
         if denominator[-1] == 0:
-            raise ValueError(
-                "K_2 = B_m = B_a = 0: the velocity grows without end; give one a value"
-            )
+            raise ValueError("K_2 = B_m = B_a = 0: the velocity grows without end; change one")
         poles = np.roots(denominator)
         gaps = np.abs(poles - np.roll(poles, 1))  # of three poles, these are all pairs
         if gaps.min() < 1e-7 * np.abs(poles).max():
-            raise ValueError(
-                f"poles {poles} nearly coincide, so the partial fractions are ill-conditioned; "
-                "change T_p a little"
-            )
+            reason = "nearly coincide, so the partial fractions are ill-conditioned"
+            raise ValueError(f"poles {poles} {reason}; change T_p a little")
         slope = np.polyder(denominator)
         residues = set_velocity * np.polyval(numerator, poles) / (poles * np.polyval(slope, poles))
         final = set_velocity * numerator[-1] / denominator[-1]

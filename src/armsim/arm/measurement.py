@@ -166,8 +166,5 @@ def faults(columns: np.ndarray) -> Iterator[tuple[int | None, str]]:
         yield int(n) + 1, f"time = {t[n + 1]} {what}"
     interval = np.median(step)
     for n in np.flatnonzero(np.abs(step - interval) > _UNEVEN * interval):
-        yield (
-            int(n) + 1,
-            f"time = {t[n + 1]} is {step[n]:.6g} s after the sample before; the others are "
-            f"{interval:.6g} s apart, and the sampling has to be even",
-        )
+        others = f"the others are {interval:.6g} s apart, and the sampling has to be even"
+        yield int(n) + 1, f"time = {t[n + 1]} is {step[n]:.6g} s after the sample before; {others}"

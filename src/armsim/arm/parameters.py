@@ -67,9 +67,7 @@ class AxisParameters:
     b_g: float = _parameter("N s/m", "gear friction coefficient", "Table 5", zero=True)
     K_g: float = _parameter("N/m", "gear stiffness", "Table 5")
     F_0: float = _parameter("N", "static friction", OUR_CHOICE, zero=True)
-    v_s: float = _parameter(
-        "m/s", "threshold of static friction (paper's v)", OUR_CHOICE, zero=True
-    )
+    v_s: float = _parameter("m/s", "static friction threshold (paper's v)", OUR_CHOICE, zero=True)
     K_1: float = _parameter("V/V", "set-velocity gain", _FROM_OTHERS, zero=True, default=None)
 
     def __post_init__(self) -> None:

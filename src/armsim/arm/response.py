@@ -364,10 +364,9 @@ def voltage_error(
         Largest error in V in the last tenth of a second; inf if the method blows up.
     """
     p, args = run.parameters, (float(run.set_velocity(begin)), constants(run.parameters))
+    problem = rhs, (begin, run.t[-1]), run(begin)
     try:
-        steps = integrate(
-            rhs, (begin, run.t[-1]), run(begin), method, step_size, args=args, **options
-        )
+        steps = integrate(*problem, method, step_size, args=args, **options)
     except IntegrationError:
         return inf
     last = steps.t > run.t[-1] - 0.1

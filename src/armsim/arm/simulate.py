@@ -6,15 +6,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from armsim import checks
 from armsim.arm import dynamics, modes
-from armsim.arm.dynamics import Region, constants, rhs
+from armsim.arm.dynamics import Constants, Region, constants, rhs
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
-from armsim.checks import IntegrationError, checked_count, checked_number, checked_times, reals
+from armsim.checks import IntegrationError, reals
 from armsim.exact import crossing
 from armsim.exact.piecewise_affine import Event, ExactSolution, require_finished
 from armsim.machine_code import announced
@@ -42,7 +43,8 @@ class Trajectory:
 
     parameters: AxisParameters
     schedule: Schedule  #: pairs (time in s, set velocity in V from that time on)
-    solution: "ExactSolution | Steps"
+    solution: ExactSolution | runge_kutta.Solution
+    t_end: float  #: end of the run in s
     control: SlaveControl | None = None  #: unit that produced the set velocity, if any
 
     @property
@@ -56,11 +58,6 @@ class Trajectory:
         return self.solution.y
 
     @property
-    def t_end(self) -> float:
-        """End of the run in s."""
-        return self.solution.end
-
-    @property
     def nfev(self) -> int:
         """Number of right-hand-side evaluations; 0 for an exact run."""
         return self.solution.nfev
@@ -68,7 +65,7 @@ class Trajectory:
     @property
     def events(self) -> tuple[Event, ...]:
         """Switching events of an exact run in time order, with their regions; otherwise empty."""
-        return self.solution.events
+        return self.solution.events if isinstance(self.solution, ExactSolution) else ()
 
     @property
     def initial_region(self) -> Region:
@@ -77,7 +74,7 @@ class Trajectory:
 
     def regions(self, t: np.ndarray) -> list[Region]:
         """Regions at the times `t` (n,); at an event of an exact run, the region after it."""
-        times = checked_times(t, 0.0, self.t_end)
+        times = checks.checked_times(t, 0.0, self.t_end)
         if isinstance(self.solution, ExactSolution):
             return self.solution.modes(times)
         k = constants(self.parameters)
@@ -100,10 +97,8 @@ class Trajectory:
         ValueError
             If a time lies outside the run.
         """
-        times = self.t if t is None else reals("t", t)
-        y = self.y if t is None else self(times)
-        exact = isinstance(self.solution, ExactSolution)
-        regions = self.regions(times) if exact else ()
+        times, y = (self.t, self.y) if t is None else (reals("t", t), self(t))
+        regions = self.regions(times) if isinstance(self.solution, ExactSolution) else ()
         return dynamics.auxiliary_variables(self.parameters, y, regions)
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
@@ -115,34 +110,6 @@ class Trajectory:
             If a time lies outside the run.
         """
         return self.solution(t)
-
-
-@dataclass(frozen=True)
-class Steps:
-    """States at the steps of a Runge-Kutta method."""
-
-    parameters: AxisParameters
-    schedule: Schedule
-    end: float  #: time of the last step in s
-    t: np.ndarray
-    y: np.ndarray
-    nfev: int
-    events: tuple = ()  #: a Runge-Kutta method detects none
-
-    def __call__(self, t: np.ndarray | float) -> np.ndarray:
-        """States at the times `t` by cubic Hermite interpolation."""
-        times = checked_times(t, float(self.t[0]), self.end)
-        left = np.searchsorted(self.t[1:-1], times, side="right")
-        h = self.t[left + 1] - self.t[left]
-        s = (times - self.t[left]) / h
-        before, after = self.y[:, left], self.y[:, left + 1]
-        volts, k = _set_velocity(self.schedule, self.t[left]), constants(self.parameters)
-        slope, slope_after = (
-            np.array([rhs(0.0, y, u, k) for y, u in zip(states.T, volts, strict=True)]).T
-            for states in (before, after)
-        )
-        y = runge_kutta.hermite(s, h, before, after, slope, slope_after)
-        return runge_kutta.finite_states(t, times, y)
 
 
 def simulate(
@@ -204,17 +171,16 @@ def simulate(
     0.845527127 s: preamplifier from 1 to 0
     """
     task = _checked(set_velocity, control, t_end, y0)
+    solution: ExactSolution | runge_kutta.Solution
     if method is not None:
-        steps = _runge_kutta(p, task, method, step_size, form)
-        return Trajectory(p, steps.schedule, steps, control)
-    if step_size is not None or form != "additive":
-        raise ValueError(
-            f"step_size = {step_size!r} and form = {form!r} are for a Runge-Kutta method; "
-            "give one as method, or leave them out"
-        )
-    _get_ready()
-    solution = _exact(p, task)
-    return Trajectory(p, task.schedule, solution, control)
+        solution = _runge_kutta(p, task, method, step_size, form)
+    elif step_size is not None or form != "additive":
+        given = f"step_size = {step_size!r} and form = {form!r}"
+        raise ValueError(f"{given} are for a Runge-Kutta method; give one, or leave them out")
+    else:
+        _get_ready()
+        solution = _exact(p, task)
+    return Trajectory(p, task.schedule, solution, task.t_end, control)
 
 
 def simulate_many(
@@ -253,11 +219,9 @@ def simulate_many(
         If a run fails; the message gives its index in `parameters`.
     """
     task, axes = _checked(set_velocity, control, t_end, y0), list(parameters)
-    at = reals("times", [t_end] if times is None else times)
-    if at.ndim != 1 or not ((at >= 0) & (at <= t_end)).all():
-        raise ValueError(f"times = {times!r}: a row of numbers from 0 to t_end = {t_end} is needed")
+    at = checks.checked_times([t_end] if times is None else times, 0.0, t_end, "times")
     if threads is not None:
-        checked_count("threads", threads)
+        checks.checked_count("threads", threads)
     y = np.empty((len(axes), 7, at.size))
 
     def work(first: int) -> None:
@@ -268,12 +232,8 @@ def simulate_many(
                 raise IntegrationError(f"parameters[{n}]: {error}") from None
 
     _get_ready()
-    chunks = range(0, len(axes), _CHUNK)
-    if len(chunks) < 2 or threads == 1:
-        list(map(work, chunks))
-    else:
-        with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
-            list(pool.map(work, chunks))
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        list(pool.map(work, range(0, len(axes), _CHUNK)))
     return y
 
 
@@ -313,29 +273,41 @@ def _get_ready() -> None:
 
 def _runge_kutta(
     p: AxisParameters, task: _Task, method: Tableau, step_size: float | None, form: Form
-) -> Steps:
+) -> runge_kutta.Solution:
     starts, inputs, t_end, y0 = task
-    k, t, y, nfev = constants(p), [np.zeros(1)], [y0[:, None]], 0
-    spans, stored = list(pairwise([*starts[starts < t_end].tolist(), t_end])), 0
+    k, times, states, nfev, stored = constants(p), [np.zeros(1)], [y0[:, None]], 0, 0
     if step_size is not None:
-        step_size = checked_number("step_size", step_size, above=0.0)
+        step_size = checks.checked_number("step_size", step_size, above=0.0)
         runge_kutta.step_count(0.0, t_end, step_size, runge_kutta.MAX_STORED // 8)
-    for n, span in enumerate(spans):
-        now = y[-1][:, -1]
+    for n, span in enumerate(pairwise([*starts[starts < t_end].tolist(), t_end])):
+        now = states[-1][:, -1]
         if inputs.track.size:
             put_out(n, now[2], p.r_g, inputs.track, inputs.law, inputs.memory, inputs.volts)
-        args = float(inputs.volts[n]), k
-        how = method, step_size, form, args
+        how = method, step_size, form, (float(inputs.volts[n]), k)
         run = runge_kutta.integrate(rhs, span, now, *how, max_steps=MAX_STEPS)
-        t.append(run.t[1:])
-        y.append(run.y[:, 1:])
+        times.append(run.t[1:])
+        states.append(run.y[:, 1:])
         nfev, stored = nfev + run.nfev, stored + 8 * run.t.size
         if stored > runge_kutta.MAX_STORED:
             raise IntegrationError(f"{method.name}: at t = {span[1]:.12g} s the memory is full")
-    steps = Steps(p, task.schedule, t_end, np.concatenate(t), np.concatenate(y, axis=1), nfev)
+    t, y = np.concatenate(times), np.concatenate(states, axis=1)
     size = "adaptive steps" if step_size is None else f"step size {step_size:g}"
-    _raise_if_beyond_bound(steps, f"{method.name}, {size}")
-    return steps
+    _raise_if_beyond_bound(p, inputs.volts, t, y, f"{method.name}, {size}")
+    between = partial(_between_steps, k, task.schedule, t, y)
+    return runge_kutta.Solution(t, y, nfev, _interpolate=between)
+
+
+def _between_steps(
+    k: Constants, schedule: Schedule, t: np.ndarray, y: np.ndarray, at: np.ndarray
+) -> np.ndarray:
+    """States at the times `at` by cubic Hermite interpolation, with the slopes of the step."""
+    left = np.searchsorted(t[1:-1], at, side="right")
+    h, volts = t[left + 1] - t[left], _set_velocity(schedule, t[left])
+    ends = y[:, left], y[:, left + 1]
+    slopes = [
+        np.array([rhs(0.0, *pair, k) for pair in zip(end.T, volts, strict=True)]).T for end in ends
+    ]
+    return runge_kutta.hermite((at - t[left]) / h, h, *ends, *slopes)
 
 
 def _set_velocity(schedule: Schedule, t: np.ndarray | float) -> np.ndarray:
@@ -343,36 +315,29 @@ def _set_velocity(schedule: Schedule, t: np.ndarray | float) -> np.ndarray:
     return volts[np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)]
 
 
-def _raise_if_beyond_bound(run: Steps, method: str) -> None:
+def _raise_if_beyond_bound(
+    p: AxisParameters, volts: np.ndarray, t: np.ndarray, y: np.ndarray, method: str
+) -> None:
     """Raise an error if the preamplifier has blown up but is still finite.
 
     Its two lags have a positive impulse response and unit gain, so y4 cannot exceed the largest
     input by more than the contribution of its initial state. The limits hide its growth from the
     other states.
     """
-    p, (y4, y5) = run.parameters, run.y[4:6, 0]
-    volts = max(abs(u) for _, u in run.schedule)
-    largest = p.K_1 * volts + p.K_2 * p.K_t * np.abs(run.y[3]).max()
-    bound = 2 * (largest + abs(y4) + (p.T_p + p.T_r) * abs(y5))  # 2 allows for a coarse step
-    beyond = np.flatnonzero(np.abs(run.y[4]) > bound)
-    if beyond.size:
-        first = beyond[0]
-        raise IntegrationError(
-            f"{method}: the solution blew up; |y4| = {abs(run.y[4, first]):.3g} V at "
-            f"t = {run.t[first]:.6g} s is more than the preamplifier can reach ({bound:.3g} V)"
-        )
+    y4, y5 = np.abs(y[4:6])
+    largest = p.K_1 * np.abs(volts).max() + p.K_2 * p.K_t * np.abs(y[3]).max()
+    bound = 2 * (largest + y4[0] + (p.T_p + p.T_r) * y5[0])  # 2 allows for a coarse step
+    if (beyond := y4 > bound).any():
+        first = np.argmax(beyond)
+        found = f"|y4| = {y4[first]:.3g} V at t = {t[first]:.6g} s; {bound:.3g} V are possible"
+        raise IntegrationError(f"{method}: the solution blew up; {found}")
 
 
 _NO_TRACK, _NO_LAW = np.empty((0, 2)), SlaveControl().law
 
 
-def _checked(
-    set_velocity: SetVelocity | None,
-    control: SlaveControl | None,
-    t_end: float,
-    y0: Sequence[float] | np.ndarray | None,
-) -> _Task:
-    t_end = checked_number("t_end", t_end, above=0.0)
+def _checked(set_velocity: Any, control: Any, t_end: Any, y0: Any) -> _Task:
+    t_end = checks.checked_number("t_end", t_end, above=0.0)
     state = np.zeros(7) if y0 is None else reals("y0", y0)
     if state.shape != (7,):
         raise ValueError(f"y0 has shape {state.shape}; the 7 states y0 … y6 are needed")
@@ -380,23 +345,21 @@ def _checked(
         raise ValueError(f"y0 = {state}: every component must be finite")
     if control is None:
         schedule = _checked_schedule(10.0 if set_velocity is None else set_velocity)
-        starts, volts = np.array(schedule).T.copy()
-        inputs = modes.Inputs(volts, _NO_TRACK, _NO_LAW, np.zeros(MEMORY))
-        return _Task(starts, inputs, t_end, state)
-    if not isinstance(control, SlaveControl):
-        raise TypeError(f"control = {control!r}: a SlaveControl is needed")
-    if set_velocity is not None:
-        raise ValueError(f"set_velocity = {set_velocity!r}: with control it must be left out")
-    starts, track = control.samples(t_end)
-    inputs = modes.Inputs(np.zeros(starts.size), track, control.law, np.zeros(MEMORY))
-    return _Task(starts, inputs, t_end, state)
+        (starts, volts), track, law = np.array(schedule).T.copy(), _NO_TRACK, _NO_LAW
+    else:
+        checks.checked_type("control", control, SlaveControl)
+        if set_velocity is not None:
+            raise ValueError(f"set_velocity = {set_velocity!r}: with control it must be left out")
+        starts, track = control.samples(t_end)
+        volts, law = np.zeros(starts.size), control.law
+    return _Task(starts, modes.Inputs(volts, track, law, np.zeros(MEMORY)), t_end, state)
 
 
 def _checked_schedule(set_velocity: SetVelocity) -> list[tuple[float, float]]:
     rows = getattr(set_velocity, "ndim", hasattr(set_velocity, "__iter__"))
     # Not a union of types, which would be built at every call.
     if isinstance(set_velocity, (float, str)) or not rows:
-        return [(0.0, checked_number("set_velocity", set_velocity))]
+        return [(0.0, checks.checked_number("set_velocity", set_velocity))]
     schedule: list[tuple[float, float]] = []
     for n, entry in enumerate(set_velocity):
         name = f"set_velocity[{n}]"
@@ -404,10 +367,10 @@ def _checked_schedule(set_velocity: SetVelocity) -> list[tuple[float, float]]:
             time, volts = entry
         except (TypeError, ValueError) as error:
             raise ValueError(f"{name} = {entry!r}: a pair (time, volts) is needed") from error
-        time = checked_number(f"{name} time", time)
+        time = checks.checked_number(f"{name} time", time)
         if time < 0 or (schedule and time <= schedule[-1][0]):
             raise ValueError(f"{name} time = {time}: times must not be negative and must rise")
-        schedule.append((time, checked_number(f"{name} volts", volts)))
+        schedule.append((time, checks.checked_number(f"{name} volts", volts)))
     if not schedule:
         raise ValueError("set_velocity is empty; at least one (time, volts) is needed")
     return schedule if schedule[0][0] == 0 else [(0.0, 0.0), *schedule]

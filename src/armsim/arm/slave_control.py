@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numba import njit
 
-from armsim.checks import checked_count, checked_number
+from armsim.checks import checked_count, checked_number, checked_type
 from armsim.choices import CHOICES
 
 _MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
@@ -58,10 +58,8 @@ class Track:
         for name in ("position", "speed"):
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         if not 2 <= len(self.position) == len(self.speed):
-            raise ValueError(
-                f"track of {len(self.position)} positions and {len(self.speed)} speeds: "
-                "at least two are needed, and as many of one as of the other"
-            )
+            found = f"track of {len(self.position)} positions and {len(self.speed)} speeds"
+            raise ValueError(f"{found}: as many of both are needed, and at least two")
         if not np.isfinite([self.position, self.speed]).all():
             raise ValueError("track: every position and speed must be finite")
         if self.speed[-1] != 0.0:
@@ -170,8 +168,7 @@ class SlaveControl:
     volts_per_speed: float = 10.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.track, Track):
-            raise TypeError(f"track = {self.track!r}: a Track is needed")
+        checked_type("track", self.track, Track)
         for name in ("K_p", "K_I", "K_v"):
             checked_number(name, getattr(self, name), above=0.0, zero=True)
         for name in ("delay", "counts"):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from math import ceil, inf, log10, nan
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from armsim.checks import IntegrationError
 from armsim.methods.runge_kutta import Form, integrate
@@ -33,9 +34,7 @@ def known_error(tableau: Tableau, step_size: float, form: Form = "additive") -> 
     return float(np.abs(run.y[:, -1] - known_solution(1.0)).max())
 
 
-def relative_error(
-    got: np.ndarray, exact: np.ndarray, largest: Sequence[float] | np.ndarray | None = None
-) -> float:
+def relative_error(got: np.ndarray, exact: np.ndarray, largest: ArrayLike | None = None) -> float:
     """Largest error of any component, as a share of the largest value of that component.
 
     Parameters

@@ -44,7 +44,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from itertools import combinations, pairwise
-from math import gcd, prod
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +53,7 @@ from armsim.methods import trees
 from armsim.methods.tableaux import Tableau
 
 Pair = tuple[int, int]
+_Rows = Sequence[Sequence[Pair]]
 
 _EDITS = 2  # per row
 _DIGITS = "0123456789"
@@ -103,7 +104,7 @@ class Errata:
         return prod(self.candidates)
 
 
-def search(source: Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
+def search(source: _Rows, name: str = "tableau") -> Errata:
     """Find every tableau near a printed one that reaches the highest order.
 
     Parameters
@@ -129,24 +130,23 @@ def search(source: Sequence[Sequence[Pair]], name: str = "tableau") -> Errata:
     _check(rows)
     printed = _tableau(name, rows)
     before = after = trees.order(printed)
-    *stages, weights = (_Versions(row, reach) for reach, row in enumerate(rows[1:], start=1))
-    consistent = _consistent(weights)
-    heads = _heads(stages[:-1])
+    versions = [_Versions(row, reach) for reach, row in enumerate(rows[1:], start=1)]
+    consistent, heads = _consistent(versions[-1]), _heads(versions[:-2])
     repairs: tuple[Repair, ...] = ()
     for target in range(printed.stages, before, -1):  # order s at most with s stages
-        found = _complete(heads, stages, weights, [*consistent.values()], target)
-        if repairs := _repairs(name, rows, [*stages, weights], found, target):
+        found = _complete(heads, versions, [*consistent.values()], target)
+        if repairs := _repairs(name, rows, versions, found, target):
             after = target
             break
     return Errata(
         printed, before, after, repairs,
-        candidates=tuple(version.count for version in (*stages, weights)),
+        candidates=tuple(row.count for row in versions),
         weights_consistent=len(consistent),
         weights_positive=sum(min(values) >= 0 for values in consistent),
     )  # fmt: skip
 
 
-def _check(rows: Sequence[Sequence[Pair]]) -> None:
+def _check(rows: _Rows) -> None:
     if not 2 <= len(rows) - 1 <= _MAX_STAGES:
         raise ValueError(f"stages = {len(rows) - 1}: the search takes 2 to {_MAX_STAGES}")
     for n, d in (pair for row in rows for pair in row):
@@ -156,7 +156,7 @@ def _check(rows: Sequence[Sequence[Pair]]) -> None:
             raise ValueError(f"denominator {d}: must lie within 1 and {_MAX_DENOMINATOR}")
 
 
-def _tableau(name: str, rows: Sequence[Sequence[Pair]]) -> Tableau:
+def _tableau(name: str, rows: _Rows) -> Tableau:
     *A, b = [[f"{n}/{d}" for n, d in row] for row in rows]
     return Tableau(name, A, b)
 
@@ -208,7 +208,7 @@ class _Readings(NamedTuple):
 def _readings(pair: Pair) -> _Readings:
     kinds: dict[Pair, tuple[str, ...]] = {pair: ()}
     newest = [pair] if pair[0] else []  # an unprinted one cannot be misprinted
-    values = {_lowest(pair): _Reading(pair)}
+    values = {Fraction(*pair).as_integer_ratio(): _Reading(pair)}
     ends = [1]
     for _ in range(_EDITS):
         # Fractions of equal value are kept apart here, since they allow different second edits.
@@ -219,15 +219,11 @@ def _readings(pair: Pair) -> _Readings:
                     kinds[text] = (*kinds[base], kind)
                     newest.append(text)
         for text in sorted(newest, key=lambda pair: pair[1]):  # 2/7 rather than 22/77
-            values.setdefault(_lowest(text), _Reading(text, kinds[text]))
+            lowest = Fraction(*text).as_integer_ratio()
+            values.setdefault(lowest, _Reading(text, kinds[text]))
         ends.append(len(values))
     residues = np.array([n * pow(d, -1, _PRIME) % _PRIME for n, d in values])
     return _Readings(list(values.values()), ends, residues)
-
-
-def _lowest(pair: Pair) -> Pair:
-    divisor = gcd(*pair)
-    return pair[0] // divisor, pair[1] // divisor
 
 
 def _rearranged(row: Sequence[Pair], reach: int) -> Iterator[tuple[list[_Reading], int]]:
@@ -261,17 +257,16 @@ class _Versions:
     """All versions of a row within two edits; `residues` has one column per version."""
 
     def __init__(self, row: Sequence[Pair], reach: int) -> None:
-        self._blocks = []
-        residues = []
-        for columns, budget in _rearranged(row, reach):
+        self._arranged, picks, residues = list(_rearranged(row, reach)), [], []
+        for columns, budget in self._arranged:
             readings = [_readings(column.pair) for column in columns]
-            picks = _picks([r.ends for r in readings], budget)
-            self._blocks.append((columns, budget, picks))
-            residues.append(np.stack([r.residues[k] for r, k in zip(readings, picks, strict=True)]))
-        self.residues = np.hstack(residues)
+            picks.append(_picks([r.ends for r in readings], budget))
+            of_each = zip(readings, picks[-1], strict=True)
+            residues.append(np.stack([r.residues[k] for r, k in of_each]))
+        self._picks, self.residues = np.hstack(picks), np.hstack(residues)
+        self._arrangement = np.repeat(np.arange(len(picks)), [p.shape[1] for p in picks])
         self.sums = self.residues.sum(axis=0) % _PRIME
         self.count = len(self.sums)
-        self._ends = np.cumsum([picks.shape[1] for *_, picks in self._blocks]).tolist()
         self._half_squares = self.sums * self.sums % _PRIME * pow(2, -1, _PRIME) % _PRIME
 
     def tied(self, nodes: Sequence[int]) -> np.ndarray:
@@ -283,12 +278,9 @@ class _Versions:
 
     def readings(self, version: int) -> tuple[list[_Reading], int]:
         """Coefficients of a version, and its number of edits."""
-        block = int(np.searchsorted(self._ends, version, side="right"))
-        columns, budget, picks = self._blocks[block]
-        version -= self._ends[block]  # a negative index into its block
-        found = [
-            _readings(c.pair).known[k] for c, k in zip(columns, picks[:, version], strict=True)
-        ]
+        columns, budget = self._arranged[self._arrangement[version]]
+        picked = zip(columns, self._picks[:, version], strict=True)
+        found = [_readings(column.pair).known[k] for column, k in picked]
         edits = _EDITS - budget + sum(len(reading.kinds) for reading in found)
         pairs = zip(columns, found, strict=True)
         return [_Reading(r.pair, (*column.kinds, *r.kinds)) for column, r in pairs], edits
@@ -297,20 +289,18 @@ class _Versions:
 # --- search -----------------------------------------------------------------------------------
 
 
-class _Head(NamedTuple):
-    """Rows of all stages but the last, satisfying q = 0."""
-
-    nodes: tuple[int, ...] = (0,)  # of all these stages, as residues
-    versions: tuple[int, ...] = ()  # of the rows below the first
+#: Nodes, as residues, of all stages but the last, and versions of their rows below the first.
+_Head = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 def _heads(stages: Sequence[_Versions]) -> list[_Head]:
-    heads = [_Head()]
+    """Rows of all stages but the last, satisfying q = 0."""
+    heads: list[_Head] = [((0,), ())]
     for stage in stages:
         heads = [
-            _Head((*head.nodes, int(stage.sums[k])), (*head.versions, int(k)))
-            for head in heads
-            for k in stage.tied(head.nodes)
+            ((*nodes, int(stage.sums[k])), (*versions, int(k)))
+            for nodes, versions in heads
+            for k in stage.tied(nodes)
         ]
     return heads
 
@@ -327,25 +317,23 @@ def _consistent(weights: _Versions) -> dict[tuple[Fraction, ...], int]:
 
 
 def _complete(
-    heads: Sequence[_Head],
-    stages: Sequence[_Versions],
-    weights: _Versions,
-    consistent: Sequence[int],
-    order: int,
+    heads: Sequence[_Head], rows: Sequence[_Versions], consistent: Sequence[int], order: int
 ) -> Iterator[tuple[int, ...]]:
     """Yield versions of all rows that satisfy q = 0 and the quadrature conditions up to `order`."""
-    nodes = np.array([head.nodes for head in heads], dtype=np.int64).reshape(-1, len(stages))
+    *_, last_stage, weights = rows
+    nodes = np.array([nodes for nodes, _ in heads], dtype=np.int64).reshape(-1, len(rows) - 1)
     *b, last = weights.residues[:, consistent]
     moments = _moments(nodes, np.array(b), order)
     possible = np.ones((len(heads), len(consistent)), dtype=bool)
     for one, next_one in pairwise(moments):  # each ratio must be the last node
         possible &= (moments[0] * one - last * next_one) % _PRIME == 0
     for h in map(int, np.flatnonzero(possible.any(axis=1))):
-        tied = stages[-1].tied(heads[h].nodes)
+        above, versions = heads[h]
+        tied = last_stage.tied(above)
         for w in map(int, np.flatnonzero(possible[h])):
-            first = stages[-1].sums[tied] * last[w] % _PRIME
+            first = last_stage.sums[tied] * last[w] % _PRIME
             for k in tied[first == moments[0][h, w]] if moments else tied:
-                yield (*heads[h].versions, int(k), consistent[w])
+                yield (*versions, int(k), consistent[w])
 
 
 def _moments(nodes: np.ndarray, b: np.ndarray, order: int) -> list[np.ndarray]:
@@ -361,11 +349,7 @@ def _moments(nodes: np.ndarray, b: np.ndarray, order: int) -> list[np.ndarray]:
 
 
 def _repairs(
-    name: str,
-    rows: Sequence[Sequence[Pair]],
-    versions: Sequence[_Versions],
-    found: Iterator[tuple[int, ...]],
-    order: int,
+    name: str, rows: _Rows, versions: Sequence[_Versions], found: Iterator, order: int
 ) -> tuple[Repair, ...]:
     """Distinct tableaux among those found that have the order, fewest edits first."""
     repairs: dict[tuple[tuple[Fraction, ...], ...], Repair] = {}
@@ -386,9 +370,7 @@ def _repairs(
     return tuple(sorted(repairs.values(), key=lambda repair: repair.edits))
 
 
-def _changes(
-    rows: Sequence[Sequence[Pair]], read: Sequence[Sequence[_Reading]]
-) -> tuple[Change, ...]:
+def _changes(rows: _Rows, read: Sequence[Sequence[_Reading]]) -> tuple[Change, ...]:
     labels = [*(f"a_{i}" for i in range(1, len(rows))), "b_"]
     return tuple(
         Change(f"{label}{j}", _text(pair), _text(reading.pair), ", ".join(reading.kinds))

@@ -117,8 +117,6 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
     str
         Python source that calls ``fun``, ``exp``, ``expm1``, ``fabs`` and ``maximum``.
     """
-    if adaptive and tableau.b_embedded is None:
-        raise ValueError(f"tableau {tableau.name}: no embedded weights, so no error estimate")
     lines = _Lines(tableau, size, form)
     if adaptive:
         return _filled(_ADAPTIVE, lines.common() | lines.adaptive())
@@ -143,28 +141,23 @@ class _Lines:
         """All components as a tuple, or the single array."""
         return ", ".join(self.each(pattern)) + ("" if self.size is None else ",")
 
-    def joined(self, weights: list[float], p: str) -> str:
-        terms = [self.rule.term.format(a=a, i=i, p=p) for i, a in enumerate(weights) if a]
+    def joined(self, weights: list[float]) -> str:
+        terms = [self.rule.term.format(a=a, i=i, p="{p}") for i, a in enumerate(weights) if a]
         return self.rule.joint.join(terms)
 
-    def moved(self, weights: list[float], p: str) -> str:
+    def moved(self, weights: list[float]) -> str:
         """Component moved along the slopes by a full step."""
-        if not any(weights):
-            return f"y{p}"
-        return self.rule.moved.format(y=f"y{p}", z=self.joined(weights, p))
-
-    def stage_state(self, i: int, p: str) -> str:
-        """Component of the state at which stage i is evaluated."""
-        if not self.additive:
-            return self.moved(self.A[i], p)
-        # The sum starts at y and uses precomputed h*a, so one operation separates the newest slope
-        # from the stage. The step itself uses y + h*(...), which has a smaller rounding error.
-        return " + ".join([f"y{p}"] + [f"(h*{a})*k{j}{p}" for j, a in enumerate(self.A[i]) if a])
+        return self.rule.moved.format(y="y{p}", z=self.joined(weights)) if any(weights) else "y{p}"
 
     def stage(self, i: int) -> list[str]:
-        state = self.together("u{p}" + self.unshifted)
+        moved, state = self.moved(self.A[i]), self.together("u{p}" + self.unshifted)
+        if self.additive:
+            # The sum starts at y and uses precomputed h*a, so one operation separates the newest
+            # slope from the stage. The step itself uses y + h*(...), whose rounding error is less.
+            terms = [f"(h*{a})*k{j}{{p}}" for j, a in enumerate(self.A[i]) if a]
+            moved = " + ".join(["y{p}", *terms])
         return [
-            *(f"u{p} = {self.stage_state(i, p)}" for p, _ in self.parts),
+            *self.each(f"u{{p}} = {moved}"),
             f"{self.together('f{p}')} = fun(t + {self.c[i]!r}*h, ({state}), *args)",
             *self.each("k{i}{p} = " + self.rule.slope.format(f="f{p}", u="u{p}"), i=i),
         ]
@@ -177,31 +170,28 @@ class _Lines:
         shifted = [] if self.additive else self.each("y{p} = y{p} + s{p}")
         return {
             "start": [f"{self.together('y{p}')} = y", f"{self.together('s{p}')} = shift", *shifted],
-            "move": [f"x{p} = {self.moved(self.b, p)}" for p, _ in self.parts],
+            "move": self.each(f"x{{p}} = {self.moved(self.b)}"),
             "accept": self.each("y{p} = x{p}"),
             "store": self.each("out[{row}, n] = x{p}" + self.unshifted),
         }
 
     def adaptive(self) -> dict[str, list[str]]:
-        last = self.tableau.stages - 1
-        all_stages = range(last + 1)
-        slopes = "slopes[n, {i}, {row}] = k{i}{p}"
+        slopes, last = "slopes[n, {i}, {row}] = k{i}{p}", self.tableau.stages - 1
         return {
             "tolerances": [f"{self.together('a{p}')} = atol"],
             "first": self.stage(0),
-            "stages": self.stages(all_stages[1:]),
+            "stages": self.stages(range(1, last + 1)),
             "errors": self.errors(),
-            "slopes": [line for i in all_stages for line in self.each(slopes, i=i)],
+            "slopes": [line for i in range(last + 1) for line in self.each(slopes, i=i)],
             "next": self.each("k0{p} = k{i}{p}", i=last) if self.tableau.fsal else self.stage(0),
         }
 
     def errors(self) -> list[str]:
         """Mean square of the estimated errors relative to the tolerances."""
         weights = [float(weight) for weight in self.tableau.b - self.tableau.b_embedded]
+        error = self.rule.error.format(x="x{p}", z=self.joined(weights))
         largest = f"maximum(fabs(y{{p}}{self.unshifted}), fabs(x{{p}}{self.unshifted}))"
-        lines = []
-        for p, _ in self.parts:
-            lines.append(f"e{p} = {self.rule.error.format(x=f'x{p}', z=self.joined(weights, p))}")
+        lines = self.each(f"e{{p}} = {error}")
         lines += self.each(f"w{{p}} = e{{p}}/(a{{p}} + rtol*{largest})")
         if self.size is None:
             return [*lines, "error = (w*w).sum()/w.size"]
@@ -234,6 +224,5 @@ def compiled_loop(
     fun: Callable, tableau: Tableau, size: int | None, form: str, adaptive: bool
 ) -> Callable:
     """Compile the loop around a compiled `fun`; the code is cached on disk where possible."""
-    source = loop_source(tableau, size, form, adaptive)
-    names = _NAMES | {"fun": fun}
+    source, names = loop_source(tableau, size, form, adaptive), _NAMES | {"fun": fun}
     return machine_code.generated(source, names, fastmath={"contract"}, error_model="numpy")

@@ -3,14 +3,15 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba.core.errors import TypingError
 from numba.extending import is_jitted
 
-from armsim.checks import IntegrationError, checked_count, checked_number, checked_times, reals
+from armsim import checks
+from armsim.checks import IntegrationError, reals
 from armsim.methods import trees
 from armsim.methods.loops import FORMS, compiled_loop, python_loop
 from armsim.methods.tableaux import Tableau
@@ -48,7 +49,7 @@ class Solution:
         """
         if self._interpolate is None:
             raise ValueError(f"t = {t!r}: only adaptive runs with an interpolant have such a state")
-        times = checked_times(t, float(self.t[0]), float(self.t[-1]))
+        times = checks.checked_times(t, float(self.t[0]), float(self.t[-1]))
         return finite_states(t, times, self._interpolate(times))
 
 
@@ -121,18 +122,16 @@ def integrate(
     >>> print(f"{run.y[0, -1]:.8f} after {run.nfev} evaluations")
     0.36787944 after 70 evaluations
     """
-    if not isinstance(tableau, Tableau):
-        raise TypeError(f"tableau = {tableau!r}: a Tableau is needed, such as tableaux.RK6")
+    checks.checked_type("tableau", tableau, Tableau, "tableaux.RK6")
     start, end, y0 = _checked_problem(t_span, y0)
-    if not isinstance(args, tuple):
-        raise TypeError(f"args = {args!r}: a tuple is needed, such as ({args!r},)")
+    checks.checked_type("args", args, tuple, f"({args!r},)")
     s = checked_shift(shift, y0, form)
     if step_size is None:
         tolerances = _checked_tolerances(tableau, y0, rtol, atol)
-        checked_count("max_steps", max_steps)
+        checks.checked_count("max_steps", max_steps)
         setting = f"rtol {tolerances[0]:g}"
     else:
-        step_size = checked_number("step_size", step_size, above=0.0)
+        step_size = checks.checked_number("step_size", step_size, above=0.0)
         setting = f"step size {step_size:g}"
     problem = Problem(fun, start, end, y0, tableau, form, s, args, setting)
     with np.errstate(all="ignore"):  # a blow-up is reported as an error
@@ -188,10 +187,8 @@ def _rounded(start: float, end: float) -> bool:
 def _fixed(problem: Problem, step_size: float) -> Solution:
     _, start, end, y0, tableau, *_ = problem
     steps = step_count(start, end, step_size, MAX_STORED // (y0.size + 1) - 1)
-    t = np.arange(steps + 1.0)
     step = math.copysign(step_size, end - start)
-    t *= step
-    t += start
+    t = start + step * np.arange(steps + 1.0)
     t[-1] = end
     y = np.empty((y0.size, steps + 1))
     y[:, 0] = y0
@@ -209,7 +206,8 @@ def _adaptive(problem: Problem, tolerances: Any, max_steps: int) -> Solution:
     loop, state = loop_for(problem, adaptive=True)
     power = -0.5 / (_lower_order(tableau) + 1)
     h, nfev = _first_step(problem, atol + rtol * np.abs(y), 2 * power)
-    times, states, slopes, taken, rejected = [np.array([t])], [y[:, None]], [], 0, 0
+    times, states, slopes = [np.array([t])], [y[:, None]], [np.empty((0, stages, m))]
+    taken = rejected = 0
     settings = state(s), rtol, state(atol), power
     while t != end:
         size = min(_CHUNK, most - taken)
@@ -230,17 +228,15 @@ def _adaptive(problem: Problem, tolerances: Any, max_steps: int) -> Solution:
         if t != end and n < size:
             fall = f"the step size fell to {h:.3g} at t = {t:.12g}"
             raise problem.error(f"{fall}, where the spacing of times is {math.ulp(t):.3g}")
-    run = Solution(np.concatenate(times), np.concatenate(states, axis=1), nfev, rejected)
-    if tableau.interpolant is None:
-        return run
-    return replace(run, _interpolate=_extension(problem, run, slopes))
+    steps = np.concatenate(times), np.concatenate(states, axis=1)
+    extension = partial(_extended, problem, *steps, np.concatenate(slopes))
+    return Solution(*steps, nfev, rejected, None if tableau.interpolant is None else extension)
 
 
 @cache
 def _lower_order(tableau: Tableau) -> int:
     """Lower order of an embedded pair; cached because the exact computation is slow."""
-    embedded = Tableau(f"{tableau.name} embedded", tableau.A, tableau.b_embedded)
-    return min(trees.order(tableau), trees.order(embedded))
+    return min(trees.order(tableau), trees.order(replace(tableau, b=tableau.b_embedded)))
 
 
 def _first_step(problem: Problem, scale: np.ndarray, power: float) -> tuple[float, int]:
@@ -276,27 +272,22 @@ def hermite(s: Any, h: Any, before: Any, after: Any, slope: Any, slope_after: An
 
 @cache
 def _interpolant(tableau: Tableau) -> np.ndarray:
-    assert tableau.interpolant is not None
-    return np.array(tableau.interpolant.tolist(), dtype=float)
+    return np.array(tableau.interpolant, dtype=float)
 
 
-def _extension(problem: Problem, run: Solution, chunks: list[np.ndarray]) -> Callable:
+def _extended(
+    problem: Problem, t: np.ndarray, y: np.ndarray, slopes: np.ndarray, times: np.ndarray
+) -> np.ndarray:
     """Continuous extension y(t + θh): the left end of a step moved along Σ b_i(θ) k_i."""
-    if not chunks:  # a run of no length
-        return lambda times: np.repeat(run.y, times.size, axis=1)
-    P, s, slopes = _interpolant(problem.tableau), problem.shift[:, None], np.concatenate(chunks)
-    direction = 1 if run.t[-1] >= run.t[0] else -1
-
-    def interpolate(times: np.ndarray) -> np.ndarray:
-        n = np.searchsorted(direction * run.t, direction * times, side="right") - 1
-        n = np.clip(n, 0, run.t.size - 2)
-        h = run.t[n + 1] - run.t[n]
-        powers = ((times - run.t[n]) / h)[:, None] ** np.arange(1, P.shape[1] + 1)
-        z = h * np.einsum("nsm,sq,nq->mn", slopes[n], P, powers)
-        left = run.y[:, n]
-        return left + z if problem.form == "additive" else (left + s) * np.exp(z) - s
-
-    return interpolate
+    if t.size == 1:  # a run of no length
+        return np.repeat(y, times.size, axis=1)
+    P, s, direction = _interpolant(problem.tableau), problem.shift[:, None], np.sign(t[-1] - t[0])
+    n = np.searchsorted(direction * t, direction * times, side="right") - 1
+    n = np.clip(n, 0, t.size - 2)
+    h, left = t[n + 1] - t[n], y[:, n]
+    powers = ((times - t[n]) / h)[:, None] ** np.arange(1, P.shape[1] + 1)
+    z = h * np.einsum("nsm,sq,nq->mn", slopes[n], P, powers)
+    return left + z if problem.form == "additive" else (left + s) * np.exp(z) - s
 
 
 # --- checks of arguments and results ----------------------------------------------------------
@@ -330,20 +321,17 @@ def checked_shift(shift: Any, y0: np.ndarray, form: str) -> np.ndarray:
     s = np.zeros(y0.size) if shift is None else _per_component("shift", shift, y0.size)
     if form.startswith("exponential") and (y0 + s <= 0).any():
         worst = int(np.argmin(y0 + s))
-        raise ValueError(
-            f"y0[{worst}] = {y0[worst]:g} with shift {s[worst]:g}: the exponential form needs "
-            "y0 + shift > 0 in every component, since it takes its logarithm"
-        )
+        found = f"y0[{worst}] = {y0[worst]:g} with shift {s[worst]:g}"
+        raise ValueError(f"{found}: the exponential form needs y0 + shift > 0, for its logarithm")
     return s
 
 
 def _checked_tolerances(tableau: Tableau, y0: np.ndarray, rtol: float, atol: Any) -> Any:
     """Return `rtol` and `atol` (m,), for a tableau that has an error estimate."""
     if tableau.b_embedded is None:
-        raise ValueError(
-            f"step_size is missing, and {tableau.name} has no embedded weights to control it with"
-        )
-    rtol, scale = checked_number("rtol", rtol, above=0.0), _per_component("atol", atol, y0.size)
+        raise ValueError(f"step_size is missing, and {tableau.name} has no embedded weights for it")
+    rtol = checks.checked_number("rtol", rtol, above=0.0)
+    scale = _per_component("atol", atol, y0.size)
     if ((scale < 0) | (scale + np.abs(y0) == 0)).any():
         raise ValueError(f"atol = {atol!r}: it must not be negative, and not 0 where y0 is 0")
     return rtol, scale
@@ -362,13 +350,9 @@ def raise_if_lost(problem: Problem, t: np.ndarray, y: np.ndarray, first: int = 0
 
     The first state given is the one after step number `first`.
     """
-    positive, s = problem.form.startswith("exponential"), problem.shift
-    last = y[:, -1]
-    if np.isfinite(last).all() and not (positive and (last + s <= 0).any()):
-        return  # a component that is not finite, or zero, remains so
     lost = ~np.isfinite(y)
-    if positive:
-        lost |= y + s[:, None] <= 0
+    if problem.form.startswith("exponential"):
+        lost |= y + problem.shift[:, None] <= 0
     if lost.any():
         n = int(np.argmax(lost.any(axis=0)))
         which = int(np.argmax(lost[:, n]))
@@ -380,10 +364,8 @@ def raise_if_lost(problem: Problem, t: np.ndarray, y: np.ndarray, first: int = 0
 def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
     slope = np.asarray(value, dtype=y.dtype)
     if slope.shape != y.shape:
-        raise ValueError(
-            f"the right-hand side returned an array of shape {slope.shape}; the state has "
-            f"{y.shape[0]} components"
-        )
+        returned = f"the right-hand side returned an array of shape {slope.shape}"
+        raise ValueError(f"{returned}; the state has {y.size} components")
     return slope
 
 
@@ -401,10 +383,8 @@ def loop_for(problem: Problem, adaptive: bool = False) -> tuple[Callable, Callab
     slope = fun(start, y0, *args)
     _as_slope(slope, y0)
     if isinstance(slope, tuple):
-        raise ValueError(
-            "the compiled right-hand side returns a tuple, so it has to take one, which works up "
-            f"to {_UNROLLED} components; let it return an array"
-        )
+        tuples = f"a tuple has to take one, which works up to {_UNROLLED} components"
+        raise ValueError(f"a compiled right-hand side that returns {tuples}; return an array")
     return compiled_loop(fun, tableau, None, form, adaptive), np.asarray
 
 

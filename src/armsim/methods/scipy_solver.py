@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
-from armsim.checks import IntegrationError, checked_number
+from armsim.checks import IntegrationError, checked_number, checked_type
 from armsim.methods import runge_kutta
-from armsim.methods.runge_kutta import Form
+from armsim.methods.runge_kutta import Form, Problem
 from armsim.methods.tableaux import Tableau
 
 
@@ -56,8 +56,7 @@ def fixed_step_solver(
     0.141120 after 210 evaluations
     """
     checked_number("step_size", step_size, above=0.0)
-    if not isinstance(tableau, Tableau):
-        raise TypeError(f"tableau = {tableau!r}: a Tableau is needed, such as tableaux.RK6")
+    checked_type("tableau", tableau, Tableau, "tableaux.RK6")
 
     class FixedStep(OdeSolver):
         """Fixed-step solver for one tableau, with cubic Hermite dense output."""
@@ -79,8 +78,7 @@ def fixed_step_solver(
             bound = min(max(t_bound, t0 - far), t0 + far)
             self.steps = runge_kutta.step_count(t0, bound, step_size)
             s, setting = runge_kutta.checked_shift(shift, self.y, form), f"step size {step_size:g}"
-            problem = (self.fun, t0, t_bound, self.y, tableau, form, s, (), setting)
-            self.problem = runge_kutta.Problem(*problem)
+            self.problem = Problem(self.fun, t0, t_bound, self.y, tableau, form, s, (), setting)
             self.loop, _ = runge_kutta.loop_for(self.problem)
 
         def _step_impl(self) -> tuple[bool, str | None]:

@@ -62,8 +62,9 @@ class Tableau:
     reference: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        if (s := len([*self.A])) == 0:  # of an array, len counts all entries
-            raise ValueError(f"tableau {self.name}: A is empty; at least one stage is needed")
+        name, s = f"tableau {self.name}", len([*self.A])  # of an array, len counts all entries
+        if s == 0:
+            raise ValueError(f"{name}: A is empty; at least one stage is needed")
         for label in ("A", "b", "b_embedded", "interpolant"):
             if (given := getattr(self, label)) is None:
                 continue
@@ -71,17 +72,13 @@ class Tableau:
             rows = {f"A[{i}]": row for i, row in enumerate(exact)} if label == "A" else {}
             for where, row in {label: exact, **rows}.items():
                 if len(row) != s:
-                    raise ValueError(
-                        f"tableau {self.name}: {where} has {len(row)} entries; a tableau of {s} "
-                        f"stages needs {s}"
-                    )
+                    found = f"{where} has {len(row)} entries"
+                    raise ValueError(f"{name}: {found}; a tableau of {s} stages needs {s}")
             object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
         for i, j in combinations_with_replacement(range(s), 2):
             if self.A[i, j] != 0:
-                raise ValueError(
-                    f"tableau {self.name}: A[{i}][{j}] = {self.A[i, j]} makes the method implicit; "
-                    "entries on and above the diagonal must be 0"
-                )
+                entry = f"A[{i}][{j}] = {self.A[i, j]}"
+                raise ValueError(f"{name}: {entry} makes the method implicit; it must be 0")
 
     @cached_property
     def c(self) -> sympy.Array:
@@ -122,7 +119,7 @@ class Tableau:
 
     def floats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,), rounded only here."""
-        A, b, c = (np.array(part.tolist(), dtype=float) for part in (self.A, self.b, self.c))
+        A, b, c = (np.array(part, dtype=float) for part in (self.A, self.b, self.c))
         return A, b, c
 
 
@@ -171,8 +168,7 @@ def _corrected(name: str, A: str, b: str, reference: str, **more: str) -> Tablea
     return Tableau(name, square, b.split(), reference=reference, **rows)
 
 
-_FILE = Path(__file__).with_name("tableaux.toml")
-_TABLES = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+_TABLES = tomllib.loads(Path(__file__).with_name("tableaux.toml").read_text(encoding="utf-8"))
 
 EULER = _corrected(**_TABLES["EULER"])
 RK4_GILL = _corrected(**_TABLES["RK4_GILL"])
