@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+from fractions import Fraction
 from typing import NamedTuple
 
 import flint
@@ -15,7 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from armsim.exact import crossing
+from armsim.exact import crossing, modal
 from armsim.exact.piecewise_affine import System
 from armsim.methods import IntegrationError
 
@@ -148,6 +149,22 @@ def error(A, z0, b, times):
     largest = np.abs([z0, *wanted]).max(axis=0)
     got = run(np.array(times)).T
     return (np.abs(got - wanted) / np.where(largest > 0, largest, 1.0)).max(), run
+
+
+def test_differences_are_summed_in_twice_the_working_precision():
+    """Of A V - V Λ, hardly a digit is left in ordinary sums; the exact values are fractions."""
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(5, 5)) + 0j
+    rates, V = np.linalg.eig(A)
+    found = modal._difference(A, V, V, rates)
+    for i, j in np.ndindex(5, 5):
+        terms = [(A[i, k], V[k, j]) for k in range(5)] + [(-V[i, j], rates[j])]
+        real = sum(Fraction(p.real) * Fraction(q.real) for p, q in terms)
+        real -= sum(Fraction(p.imag) * Fraction(q.imag) for p, q in terms)
+        imag = sum(Fraction(p.real) * Fraction(q.imag) for p, q in terms)
+        imag += sum(Fraction(p.imag) * Fraction(q.real) for p, q in terms)
+        assert (found[i, j].real, found[i, j].imag) == pytest.approx((real, imag), rel=1e-14)
+        assert abs(found[i, j]) < 1e-14
 
 
 def lags(n, gain):

@@ -307,7 +307,7 @@ def test_code_of_a_notebook_is_found_by_the_next_kernel(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"z0": "rest"}, "z0 = 'rest': one row of finite numbers is needed"),
+        ({"z0": "rest"}, "z0 = 'rest': real numbers are needed"),
         ({"z0": []}, "z0 = .*: one row"),
         ({"mode": 1.0}, "mode = 1.0 is a float; an integer is needed"),
         ({"t_span": 3.0}, "t_span = 3.0: one row of finite numbers"),

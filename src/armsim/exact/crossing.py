@@ -120,40 +120,24 @@ def stand(here, start, w):
             continue
         if value > upper + noise or value < lower - noise:
             return g, side
-        derivative = _first_derivative(g, here, start, w)
+        derivative, w.order[g] = _first_derivative(here.normal[g], here, start)
         w.derivative[g] = abs(derivative)
         if side * derivative > 0.0:
             return g, side
     return -1, 0
 
 
-@inlined
-def _first_derivative(g, here, start, w):
-    """Return the first derivative of a guard that exceeds rounding, and set its order."""
-    z, n = start.state, start.state.size
-    derivative = sizes = 0.0
-    for i in range(n):
-        if here.normal[g, i] != 0.0:
-            derivative += here.normal[g, i] * start.slope[i]
-            size = abs(here.b[i])
-            for j in range(n):
-                size += abs(here.A[i, j] * z[j])
-            sizes += abs(here.normal[g, i]) * size
-    w.order[g] = 1
-    if abs(derivative) > ROUNDING * sizes:
-        return derivative
-    v, size_of_A = start.slope, np.abs(here.A)
-    size_of_v = size_of_A @ np.abs(z) + np.abs(here.b)
-    while w.order[g] <= n:
-        w.order[g] += 1
-        v, size_of_v = here.A @ v, size_of_A @ size_of_v
-        derivative = sizes = 0.0
-        for i in range(n):
-            derivative += here.normal[g, i] * v[i]
-            sizes += abs(here.normal[g, i]) * size_of_v[i]
-        if abs(derivative) > ROUNDING * sizes:
-            return derivative
-    return 0.0
+@compiled
+def _first_derivative(normal, here, start):
+    """Return the first derivative of a guard that exceeds rounding, or 0, and its order."""
+    v, size_of_A, order = start.slope, np.abs(here.A), 1
+    size_of_v = size_of_A @ np.abs(start.state) + np.abs(here.b)
+    while order <= v.size + 1:
+        derivative = normal @ v
+        if abs(derivative) > ROUNDING * (np.abs(normal) @ size_of_v):
+            return derivative, order
+        v, size_of_v, order = here.A @ v, size_of_A @ size_of_v, order + 1
+    return 0.0, order
 
 
 @inlined

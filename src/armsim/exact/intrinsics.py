@@ -45,11 +45,7 @@ def borrowed(typing, arrays):
 @intrinsic
 def keep_alive(typing, arrays):
     """Do nothing; before this, numba does not free the arrays."""
-
-    def code(context, builder, signature, arguments):
-        return context.get_dummy_value()
-
-    return types.void(arrays), code
+    return types.void(arrays), lambda context, *_: context.get_dummy_value()
 
 
 # --- sums in twice the working precision ------------------------------------------------------
@@ -58,11 +54,8 @@ def keep_alive(typing, arrays):
 @intrinsic
 def fma(typing, a, b, c):
     """A b + c, rounded once."""
-
-    def code(context, builder, signature, arguments):
-        return builder.fma(*arguments)
-
-    return types.float64(types.float64, types.float64, types.float64), code
+    one = types.float64
+    return one(one, one, one), lambda context, builder, signature, three: builder.fma(*three)
 
 
 # --- LAPACK -----------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from numba import typeof
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.extending import is_jitted
 
-from armsim.checks import IntegrationError, checked_count, checked_times
+from armsim.checks import IntegrationError, checked_count, checked_times, reals
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
 from armsim.exact.intrinsics import borrowed, keep_alive
@@ -146,15 +146,9 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
     -------
     Record
     """
-    n = z.size
-    here = Mode(
-        np.empty((n, n)),
-        np.empty(n),
-        np.empty((sizes[0], n)),
-        np.empty(sizes[0]),
-        np.empty(sizes[0]),
-    )
-    rooms = modal.room_for(sizes[1], n), modal.start_room(n), crossing.work_room(n, sizes[0])
+    n, g = z.size, sizes[0]
+    here = Mode(np.empty((n, n)), np.empty(n), np.empty((g, n)), np.empty(g), np.empty(g))
+    rooms = modal.room_for(sizes[1], n), modal.start_room(n), crossing.work_room(n, g)
     owned = here, *rooms
     here, m, start, w = borrowed(owned)
     begin, label = np.empty((32, 1 + 2 * n)), np.empty((32, 2), np.int64)
@@ -517,10 +511,7 @@ class System:
 
 def _row(name: str, values: object) -> np.ndarray:
     """Return a row (n,) of finite numbers, or raise an error that names the argument."""
-    try:
-        row = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        row = np.empty(0)
+    row = reals(name, values)
     if row.ndim != 1 or row.size == 0 or not np.isfinite(row).all():
         raise ValueError(f"{name} = {values!r}: one row of finite numbers is needed")
     return row
