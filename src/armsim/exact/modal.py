@@ -218,13 +218,11 @@ def _blockwise(C, rate, V):
             return False
         drive, rest = _part(C, driven, block) + 0j, _part(C, driven, driven) + 0j
         for k in range(block.size):
-            v = np.zeros(n, np.complex128)
-            v[block] = vectors[:, k]
+            v, vector = np.zeros(n, np.complex128), vectors[:, k].copy()
+            v[block] = vector
             if driven.size > 0:
-                shifted = values[k] * np.eye(driven.size) - rest
-                v[driven] = _solution(shifted, drive @ np.ascontiguousarray(vectors[:, k]))
-            rate[done], V[:, done] = values[k], v / np.abs(v).max()
-            done += 1
+                v[driven] = _solution(values[k] * np.eye(driven.size) - rest, drive @ vector)
+            rate[done], V[:, done], done = values[k], v / np.abs(v).max(), done + 1
     return True
 
 
@@ -343,16 +341,13 @@ def decompose(m, place, pieces):
     if size == 0:  # the states are integrals alone
         m.modes[place], m.loss[place] = 0, 0.0
         return
-    C = np.empty((size, size), np.complex128)
-    V, rate = np.empty_like(C), np.empty(size, np.complex128)
-    for i in range(size):
-        for j in range(size):
-            C[i, j] = A[core[i], core[j]] * unit[core[j]] / unit[core[i]]
+    C = _part(A, core, core) * unit[core] / unit[core].reshape(-1, 1)
+    V, rate = np.empty((size, size), np.complex128), np.empty(size, np.complex128)
     short = pieces < MAX_PIECES
     m.modes[place], m.loss[place] = DEFECTIVE, 4 * (size + 2) * EPS if short else math.inf
-    if not _blockwise(C.real, rate, V):
+    if not _blockwise(C, rate, V):
         return
-    W, loss = _refine(C, V, rate)
+    W, loss = _refine(C + 0j, V, rate)
     if not loss < (PRECISE if short else TOLERATED):
         return
     m.loss[place] = loss
