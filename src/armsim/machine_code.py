@@ -54,7 +54,8 @@ def fingerprint(function: Callable) -> str | None:
         A Python function, or one that numba compiles. Line numbers, comments and the docstring
         do not count.
     """
-    with suppress(_Unknown, KeyError, ValueError):  # the last two: no value yet
+    # KeyError, ValueError: a global name, or a variable outside the function, has no value yet.
+    with suppress(_Unknown, KeyError, ValueError):
         return _digest([*_VERSIONS, *_parts(function, {})])
     return None
 

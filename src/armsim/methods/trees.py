@@ -119,10 +119,7 @@ class Condition:
 
 
 def _conditions(tableau: Tableau, orders: Iterable[int]) -> Iterator[Condition]:
-    """Evaluate the conditions of some orders, over the smallest field with the coefficients.
-
-    The field is that of the tableau, so the evaluation is exact.
-    """
+    """Evaluate the conditions of some orders exactly, over the smallest field for the tableau."""
     known: dict[Tree, list[Any]] = {}
     coefficients = [*sympy.flatten(tableau.A), *tableau.b]
     field, numbers = construct_domain(coefficients, field=True, extension=True)
