@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from contextlib import suppress
 from math import inf, isfinite
 from numbers import Integral, Real
 
@@ -73,11 +74,9 @@ def reals(name: str, value: object) -> np.ndarray:
     ValueError
         If the value contains text, complex numbers or rows of different lengths.
     """
-    try:
+    with suppress(TypeError, ValueError):
         if np.asarray(value).dtype.kind in "iufO":  # O: fractions and other numbers of Python
             return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        pass
     raise ValueError(f"{name} = {value!r}: real numbers are needed")
 
 

@@ -54,10 +54,10 @@ def fingerprint(function: Callable) -> str | None:
         A Python function, or one that numba compiles. Line numbers, comments and the docstring
         do not count.
     """
-    try:
+    # KeyError, ValueError: a global name, or a variable outside the function, has no value yet.
+    with suppress(_Unknown, KeyError, ValueError):
         return _digest([*_VERSIONS, *_parts(function, {})])
-    except (_Unknown, ValueError):  # ValueError: a variable outside the function has no value yet
-        return None
+    return None
 
 
 def _digest(texts: Iterable[str]) -> str:
@@ -114,8 +114,6 @@ def _globals_used(code: CodeType, function: FunctionType) -> Iterator[Any]:
     for n, step in enumerate(steps):
         if step.opname not in ("LOAD_GLOBAL", "LOAD_NAME"):
             continue
-        if step.argval not in names:
-            raise _Unknown(step.argval)
         value = names[step.argval]
         for following in steps[n + 1 :]:
             if not isinstance(value, ModuleType) or "LOAD_" not in following.opname:
@@ -186,8 +184,7 @@ def _type_parts(kind: types.Type) -> Iterator[str]:
         raise _Unknown(kind)
     yield str(kind)
     if isinstance(kind, types.BaseNamedTuple):
-        name = _defined_in(kind.instance_class, sys.modules.keys() - {"__main__"})
-        if not name:
+        if not (name := _defined_in(kind.instance_class, sys.modules.keys() - {"__main__"})):
             raise _Unknown(kind)  # another process would not take it for the same class
         yield f"{name} {kind.fields}"
     for item in kind.types if isinstance(kind, types.BaseTuple) else ():

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 _PACKAGE = Path(__file__).resolve().parent
-_PLACES = _PACKAGE / "data", _PACKAGE.parents[1] / "data"
 
 #: The folder ``data`` of the repository, or its copy in an installed wheel.
-DATA = next(folder for folder in _PLACES if folder.is_dir())
+DATA = next(filter(Path.is_dir, (_PACKAGE / "data", _PACKAGE.parents[1] / "data")))
 
 
 def read_toml(name: str) -> dict[str, Any]:

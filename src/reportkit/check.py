@@ -39,9 +39,8 @@ class Comparison:
     @property
     def relative(self) -> float | None:
         """The difference as a share of the expected value."""
-        if self.difference is None or not self.expected or not self.expected["value"]:
-            return None
-        return self.difference / abs(self.expected["value"])
+        value = (self.expected or {}).get("value")
+        return None if self.difference is None or not value else self.difference / abs(value)
 
     @property
     def moved(self) -> str:

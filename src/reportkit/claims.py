@@ -8,7 +8,7 @@ result, the claim depends on the reading. A claim may say that it cannot be test
 
 import sys
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -199,17 +199,13 @@ def load(path: Path) -> list[Claim]:
     claims = []
     for table in tomllib.loads(path.read_text(encoding="utf-8"))["claim"]:
         try:
-            tests = {key: _tests(table[key]) for key in ("tests", "corrected") if key in table}
+            own = {k: [Test(**one) for one in table.get(k, ())] for k in ("tests", "corrected")}
             named = table.get("readings", {}).items()
-            readings = [Reading(name, _tests(tables)) for name, tables in named]
-            claims.append(Claim(**table | tests | {"readings": readings}))
+            readings = [Reading(name, [Test(**one) for one in tables]) for name, tables in named]
+            claims.append(Claim(**table | own | {"readings": readings}))
         except TypeError as error:
             raise ClaimError(f"{table.get('name', table)}: {error}") from None
     return claims
-
-
-def _tests(tables: Iterable[Mapping[str, Any]]) -> list[Test]:
-    return [Test(**table) for table in tables]
 
 
 def load_opinions(path: Path) -> dict[str, list[str]]:

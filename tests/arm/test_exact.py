@@ -374,7 +374,7 @@ def test_a_start_at_the_repelling_threshold_gains_speed():
     p = P.replace(F_0=1000.0)
     y0 = [0.0, p.v_s, (p.H + 1e-4) / p.r_g, p.v_s / p.r_g, 0.0, 0.0, 0.0]
     run = simulate(p, 0.0, 1e-4, y0=y0)
-    assert run.initial_region.friction == 0
+    assert run.regions(run.t[:1])[0].friction == 0
     assert run(1e-4)[1] > p.v_s
 
 
@@ -402,7 +402,7 @@ def test_the_trajectory_shows_the_run():
     assert np.all(np.diff(run.t) > 0)
     assert (run.t[0], run.t[-1]) == (0.0, 0.9)
     assert {event.time for event in run.events} | {0.3} <= set(run.t.tolist())
-    assert run.initial_region == Region(0, 0, 0, STUCK)
+    assert run.regions(run.t[:1]) == [run.events[0].before] == [Region(0, 0, 0, STUCK)]
     assert run.regions(np.array([run.events[5].time])) == [run.events[5].after]
     assert np.array_equal(run.auxiliary(run.t)["f_g"], run.auxiliary()["f_g"])
     with pytest.raises(ValueError, match="t = 0.95 is outside the run"):

@@ -229,7 +229,7 @@ def test_wrong_model_is_found_out(curved):
         ({"axis": AXIS.replace(F_0=0)}, "bounds of F_0: 0.0 to 0.0"),
         ({"starts": 0}, "starts = 0 is not allowed"),
         ({"starts": True}, "starts = True is a bool"),
-        ({"step_size": 1e-5}, "step_size = 1e-05 is for a Runge-Kutta method"),
+        ({"step_size": 1e-5}, "step_size = 1e-05 .* for a Runge-Kutta method"),
         ({"measurement": dataclasses.replace(RECORD, set_velocity=0 * RECORD.t)}, "no motion"),
     ],
 )

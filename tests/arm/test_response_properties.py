@@ -133,7 +133,7 @@ def test_time_within_counts_every_second_interval(cuts, t_end):
         SimpleNamespace(time=time, after=(inside, outside)[n % 2])
         for n, time in enumerate(sorted(cuts))
     ]
-    run = SimpleNamespace(initial_region=outside, events=events)
+    run = SimpleNamespace(t=np.zeros(1), regions=lambda t: [outside], events=events)
     edges = [*sorted(cuts), math.inf]
     wanted = sum(max(0.0, min(t_end, b) - a) for a, b in zip(edges[::2], edges[1::2], strict=False))
     found = time_within(run, lambda where: where == inside, t_end)

@@ -237,8 +237,6 @@ def fit(
     K_g = 5.41e+06 N/m, give or take 3e+03
     """
     checked_type("measurement", measurement, Measurement)
-    if method is None and step_size is not None:
-        raise ValueError(f"step_size = {step_size!r} is for a Runge-Kutta method; give one")
     if not measurement.set_velocity.any():
         raise ValueError("the set velocity is 0 V all the time: there is no motion to fit")
     checked_count("starts", starts)
@@ -389,8 +387,7 @@ def _end(fit: Fit, n: int, side: int) -> float:
 class Bootstrap:
     """Estimates from many records simulated with the fitted model."""
 
-    names: tuple[str, ...]
-    values: np.ndarray  #: (n, k) in SI units
+    values: np.ndarray  #: (n, k) in SI units, in the order of the fit's names
 
     def interval(self, share: float = 0.95) -> np.ndarray:
         """Percentile intervals (k, 2) that contain a given share of the estimates."""
@@ -433,7 +430,7 @@ def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter)
         return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
 
     values = parallel.each(refit, np.random.SeedSequence(seed).spawn(n), progress)
-    return Bootstrap(fit.names, np.array(values))
+    return Bootstrap(np.array(values))
 
 
 # --- model check --------------------------------------------------------------------------------

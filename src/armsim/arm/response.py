@@ -99,7 +99,7 @@ def time_within(run: Trajectory, inside: Callable[[Region], bool], t_end: float)
         Only the time before `t_end` counts. If it is NaN, so is the result.
     """
     cuts = np.minimum([0.0, *(event.time for event in run.events), t_end], t_end)
-    regions = [run.initial_region, *(event.after for event in run.events)]
+    regions = [*run.regions(run.t[:1]), *(event.after for event in run.events)]
     return float(np.diff(cuts) @ [bool(inside(where)) for where in regions])
 
 

@@ -67,11 +67,6 @@ class Trajectory:
         """Switching events of an exact run in time order, with their regions; otherwise empty."""
         return self.solution.events if isinstance(self.solution, ExactSolution) else ()
 
-    @property
-    def initial_region(self) -> Region:
-        """Region at the start, before any event."""
-        return self.events[0].before if self.events else self.regions(self.t[:1])[0]
-
     def regions(self, t: np.ndarray) -> list[Region]:
         """Regions at the times `t` (n,); at an event of an exact run, the region after it."""
         times = checks.checked_times(t, 0.0, self.t_end)
@@ -220,8 +215,7 @@ def simulate_many(
     """
     task, axes = _checked(set_velocity, control, t_end, y0), list(parameters)
     at = checks.checked_times([t_end] if times is None else times, 0.0, t_end, "times")
-    if threads is not None:
-        checks.checked_count("threads", threads)
+    workers = os.cpu_count() if threads is None else checks.checked_count("threads", threads)
     y = np.empty((len(axes), 7, at.size))
 
     def work(first: int) -> None:
@@ -232,7 +226,7 @@ def simulate_many(
                 raise IntegrationError(f"parameters[{n}]: {error}") from None
 
     _get_ready()
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(workers) as pool:
         list(pool.map(work, range(0, len(axes), _CHUNK)))
     return y
 

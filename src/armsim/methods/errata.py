@@ -43,7 +43,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from itertools import combinations, pairwise
+from itertools import accumulate, combinations, pairwise
 from math import prod
 from typing import NamedTuple
 
@@ -94,11 +94,6 @@ class Errata:
     weights_positive: int  #: those without a negative weight
 
     @property
-    def unique(self) -> bool:
-        """Whether exactly one tableau within the searched edits reaches the highest order."""
-        return len(self.repairs) == 1
-
-    @property
     def combinations(self) -> int:
         """Size of the searched space."""
         return prod(self.candidates)
@@ -126,21 +121,21 @@ def search(source: _Rows, name: str = "tableau") -> Errata:
         If the tableau is not explicit or has rows of unequal length, the number of stages is not
         2 to 8, a number is not an integer, or a denominator is not between 1 and 9999999.
     """
-    rows = [list(row) for row in source]
-    _check(rows)
-    printed = _tableau(name, rows)
+    _check(source)
+    *A, b = ([Fraction(*pair) for pair in row] for row in source)
+    printed = Tableau(name, A, b)
     before = after = trees.order(printed)
-    versions = [_Versions(row, reach) for reach, row in enumerate(rows[1:], start=1)]
+    versions = [_Versions(row, reach) for reach, row in enumerate(source[1:], start=1)]
     consistent, heads = _consistent(versions[-1]), _heads(versions[:-2])
     repairs: tuple[Repair, ...] = ()
     for target in range(printed.stages, before, -1):  # order s at most with s stages
         found = _complete(heads, versions, [*consistent.values()], target)
-        if repairs := _repairs(name, rows, versions, found, target):
+        if repairs := _repairs(name, source, versions, found, target):
             after = target
             break
     return Errata(
         printed, before, after, repairs,
-        candidates=tuple(row.count for row in versions),
+        candidates=tuple(row.sums.size for row in versions),
         weights_consistent=len(consistent),
         weights_positive=sum(min(values) >= 0 for values in consistent),
     )  # fmt: skip
@@ -154,11 +149,6 @@ def _check(rows: _Rows) -> None:
             raise ValueError(f"coefficient {n!r}/{d!r}: must be a pair of integers")
         if not 1 <= d <= _MAX_DENOMINATOR:
             raise ValueError(f"denominator {d}: must lie within 1 and {_MAX_DENOMINATOR}")
-
-
-def _tableau(name: str, rows: _Rows) -> Tableau:
-    *A, b = [[f"{n}/{d}" for n, d in row] for row in rows]
-    return Tableau(name, A, b)
 
 
 # --- edits ------------------------------------------------------------------------------------
@@ -266,13 +256,12 @@ class _Versions:
         self._picks, self.residues = np.hstack(picks), np.hstack(residues)
         self._arrangement = np.repeat(np.arange(len(picks)), [p.shape[1] for p in picks])
         self.sums = self.residues.sum(axis=0) % _PRIME
-        self.count = len(self.sums)
         self._half_squares = self.sums * self.sums % _PRIME * pow(2, -1, _PRIME) % _PRIME
 
     def tied(self, nodes: Sequence[int]) -> np.ndarray:
         """Versions with Σ a_ij c_j = c_i²/2, given the nodes above; all versions for stage 2."""
         if len(nodes) == 1:
-            return np.arange(self.count)
+            return np.arange(self.sums.size)
         total = sum(c * self.residues[j] for j, c in enumerate(nodes) if c)
         return np.flatnonzero((total - self._half_squares) % _PRIME == 0)
 
@@ -341,11 +330,8 @@ def _moments(nodes: np.ndarray, b: np.ndarray, order: int) -> list[np.ndarray]:
 
     Each array has one row per head and one column per version of the weights.
     """
-    powers, found = np.ones_like(nodes), []
-    for k in range(1, order):
-        powers = powers * nodes % _PRIME
-        found.append((pow(k + 1, -1, _PRIME) - powers @ b) % _PRIME)
-    return found
+    powers = accumulate([nodes] * (order - 1), lambda power, node: power * node % _PRIME)
+    return [(pow(k, -1, _PRIME) - power @ b) % _PRIME for k, power in enumerate(powers, start=2)]
 
 
 def _repairs(
@@ -360,12 +346,8 @@ def _repairs(
         *A, b = key = tuple(tuple(Fraction(*reading.pair) for reading in row) for row in read)
         if key in repairs and repairs[key].edits <= edits:
             continue
-        if all(
-            trees.elementary_weight(tree, A, b) * trees.density(tree) == 1
-            for n in range(1, order + 1)
-            for tree in trees.rooted_trees(n)
-        ):
-            tableau = _tableau(f"{name}, corrected", [[r.pair for r in row] for row in read])
+        tableau = Tableau(f"{name}, corrected", A, b)
+        if trees.order(tableau) >= order:
             repairs[key] = Repair(tableau, _changes(rows, read), edits)
     return tuple(sorted(repairs.values(), key=lambda repair: repair.edits))
 

@@ -7,7 +7,7 @@ inlined right-hand side are compiled together.
 """
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -120,7 +120,8 @@ def loop_source(tableau: Tableau, size: int | None, form: str, adaptive: bool = 
     lines = _Lines(tableau, size, form)
     if adaptive:
         return _filled(_ADAPTIVE, lines.common() | lines.adaptive())
-    return _filled(_FIXED, lines.common() | {"stages": lines.stages(tableau.evaluated_stages)})
+    stages = [line for i in tableau.evaluated_stages for line in lines.stage(i)]
+    return _filled(_FIXED, lines.common() | {"stages": stages})
 
 
 class _Lines:
@@ -162,9 +163,6 @@ class _Lines:
             *self.each("k{i}{p} = " + self.rule.slope.format(f="f{p}", u="u{p}"), i=i),
         ]
 
-    def stages(self, which: Iterable[int]) -> list[str]:
-        return [line for i in which for line in self.stage(i)]
-
     def common(self) -> dict[str, list[str]]:
         """Blocks common to both templates."""
         shifted = [] if self.additive else self.each("y{p} = y{p} + s{p}")
@@ -180,7 +178,7 @@ class _Lines:
         return {
             "tolerances": [f"{self.together('a{p}')} = atol"],
             "first": self.stage(0),
-            "stages": self.stages(range(1, last + 1)),
+            "stages": [line for i in range(1, last + 1) for line in self.stage(i)],
             "errors": self.errors(),
             "slopes": [line for i in range(last + 1) for line in self.each(slopes, i=i)],
             "next": self.each("k0{p} = k{i}{p}", i=last) if self.tableau.fsal else self.stage(0),

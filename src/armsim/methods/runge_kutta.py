@@ -50,7 +50,11 @@ class Solution:
         if self._interpolate is None:
             raise ValueError(f"t = {t!r}: only adaptive runs with an interpolant have such a state")
         times = checks.checked_times(t, float(self.t[0]), float(self.t[-1]))
-        return finite_states(t, times, self._interpolate(times))
+        y = self._interpolate(times)
+        if not (finite := np.isfinite(y).all(axis=0)).all():
+            lost = times[~finite][0]
+            raise IntegrationError(f"the interpolation is not finite at t = {lost:.12g}")
+        return y[:, 0] if np.ndim(t) == 0 else y
 
 
 def integrate(
@@ -335,14 +339,6 @@ def _checked_tolerances(tableau: Tableau, y0: np.ndarray, rtol: float, atol: Any
     if ((scale < 0) | (scale + np.abs(y0) == 0)).any():
         raise ValueError(f"atol = {atol!r}: it must not be negative, and not 0 where y0 is 0")
     return rtol, scale
-
-
-def finite_states(t: Any, times: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return interpolated states (m, k) at `times`, or (m,) if t is a number, if all are finite."""
-    lost = ~np.isfinite(y).all(axis=0)
-    if lost.any():
-        raise IntegrationError(f"the interpolation is not finite at t = {times[lost][0]:.12g}")
-    return y[:, 0] if np.ndim(t) == 0 else y
 
 
 def raise_if_lost(problem: Problem, t: np.ndarray, y: np.ndarray, first: int = 0) -> None:

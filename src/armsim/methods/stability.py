@@ -16,7 +16,7 @@ state z = ln g its derivative is again λ, so the form is there as limited as th
 
 from fractions import Fraction
 from functools import cache
-from math import frexp, inf, lcm
+from math import frexp, inf
 
 import numpy as np
 import sympy
@@ -101,11 +101,9 @@ def _reach(coefficients: list[Fraction], eigenvalue: complex) -> float:
     vanish or nearly do, and rounded ones would show a limit where there is none.
     """
     scale = 2.0 ** frexp(abs(eigenvalue))[1]  # a power of two, so that dividing by it is exact
-    excess = [-c for c in _squared(coefficients, eigenvalue / scale)]
-    excess[0] += 1
-    while excess and excess[0] == 0:  # divide by h: h = 0 is no limit
-        excess.pop(0)
-    margin = Polynomial([float(c) for c in excess]).trim() if excess else Polynomial([1.0])
+    # R(0) = 1, so the constant vanishes. Divide by h as often as possible: h = 0 is no limit.
+    excess = np.trim_zeros(-_squared(coefficients, eigenvalue / scale)[1:], "f")
+    margin = Polynomial(excess.astype(float)).trim() if excess.size else Polynomial([1.0])
     roots = margin.roots()
     near_real = abs(roots.imag) <= 1e-6 * abs(roots)  # a double root may come out as a pair
     places = np.unique(roots.real[near_real & (roots.real > 0)])
@@ -120,19 +118,16 @@ def _reach(coefficients: list[Fraction], eigenvalue: complex) -> float:
     return float(reach / scale)
 
 
-def _squared(coefficients: list[Fraction], direction: complex) -> list[Fraction]:
-    """Coefficients of |R(h direction)|² in powers of h, exactly; in integers, for speed."""
-    (x, p), (y, q) = (part.as_integer_ratio() for part in (direction.real, direction.imag))
-    unit, common = max(p, q), lcm(*(r.denominator for r in coefficients))  # p, q: powers of two
-    x, y = x * (unit // p), y * (unit // q)
-    parts = np.empty((2, len(coefficients)), dtype=object)  # real and imaginary, Python's integers
-    u, v = 1, 0  # (x + iy)^k
+def _squared(coefficients: list[Fraction], direction: complex) -> np.ndarray:
+    """Coefficients of |R(h direction)|² in rising powers of h, exactly."""
+    x, y = Fraction(direction.real), Fraction(direction.imag)
+    parts = np.empty((2, len(coefficients)), dtype=object)  # real and imaginary
+    u, v = Fraction(1), Fraction(0)  # (x + iy)^k
     for k, r in enumerate(coefficients):
-        parts[:, k] = int(r * common) * u, int(r * common) * v
+        parts[:, k] = r * u, r * v
         u, v = u * x - v * y, u * y + v * x
     real, imaginary = parts
-    squares = np.convolve(real, real) + np.convolve(imaginary, imaginary)
-    return [Fraction(square, common**2 * unit**k) for k, square in enumerate(squares)]
+    return np.convolve(real, real) + np.convolve(imaginary, imaginary)
 
 
 def region(tableau: Tableau, re: ArrayLike, im: ArrayLike) -> np.ndarray:

@@ -117,10 +117,9 @@ class Tableau:
         counts = [sum(a != 0 for a in row) for row in rows]
         return sum(counts) if product else sum(count > 0 for count in counts)
 
-    def floats(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def floats(self) -> tuple[np.ndarray, ...]:
         """Double-precision ``A`` (s, s), ``b`` (s,) and ``c`` (s,), rounded only here."""
-        A, b, c = (np.array(part, dtype=float) for part in (self.A, self.b, self.c))
-        return A, b, c
+        return tuple(np.array(part, dtype=float) for part in (self.A, self.b, self.c))
 
 
 def _exact(value: Any, where: str, depth: int = 0) -> Any:
@@ -170,10 +169,7 @@ def _corrected(name: str, A: str, b: str, reference: str, **more: str) -> Tablea
 
 _TABLES = tomllib.loads(Path(__file__).with_name("tableaux.toml").read_text(encoding="utf-8"))
 
-EULER = _corrected(**_TABLES["EULER"])
-RK4_GILL = _corrected(**_TABLES["RK4_GILL"])
-RK5 = _corrected(**_TABLES["RK5"])
-RK6 = _corrected(**_TABLES["RK6"])
-DP5 = _corrected(**_TABLES["DP5"])
+# In the order of the file.
+EULER, RK4_GILL, RK5, RK6, DP5 = (_corrected(**table) for table in _TABLES.values())
 #: Embedded weights of the same pair, which the paper presents as a sixth-order method.
 DP4 = Tableau("DP4", DP5.A, DP5.b_embedded, reference=DP5.reference)

@@ -13,7 +13,7 @@ Differential Equations*, chapter 3).
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import count, groupby
+from itertools import chain, count, groupby
 from math import factorial, prod
 from typing import Any
 
@@ -118,14 +118,14 @@ class Condition:
     residual: sympy.Expr  #: weight - 1/density, zero if the condition holds
 
 
-def _conditions(tableau: Tableau, trees: Iterable[Tree]) -> Iterator[Condition]:
-    """Evaluate conditions over the smallest field that contains the tableau, hence exactly."""
+def _conditions(tableau: Tableau, orders: Iterable[int]) -> Iterator[Condition]:
+    """Evaluate the conditions of some orders exactly, over the smallest field for the tableau."""
     known: dict[Tree, list[Any]] = {}
     coefficients = [*sympy.flatten(tableau.A), *tableau.b]
     field, numbers = construct_domain(coefficients, field=True, extension=True)
     s = tableau.stages
     A, b = [numbers[i * s : (i + 1) * s] for i in range(s)], numbers[s * s :]
-    for tree in trees:
+    for tree in chain.from_iterable(map(rooted_trees, orders)):
         weight = field.convert(_dot(b, _product(tree, A, known)))
         residual = weight - field.one / field.convert(density(tree))
         yield Condition(tree, size(tree), field.to_sympy(weight), field.to_sympy(residual))
@@ -145,8 +145,7 @@ def residuals(tableau: Tableau, order: int) -> list[Condition]:
         If `order` is not a positive integer.
     """
     rooted_trees(order)  # raises for an invalid order
-    every = (tree for n in range(1, order + 1) for tree in rooted_trees(n))
-    return list(_conditions(tableau, every))
+    return list(_conditions(tableau, range(1, order + 1)))
 
 
 def order(tableau: Tableau) -> int:
@@ -159,8 +158,7 @@ def order(tableau: Tableau) -> int:
     (6, 4)
     """
     # An explicit method of s stages fails for the tall tree of s + 1 nodes, so this ends.
-    every = (tree for n in count(1) for tree in rooted_trees(n))
-    return next(c.order for c in _conditions(tableau, every) if c.residual != 0) - 1
+    return next(c.order for c in _conditions(tableau, count(1)) if c.residual != 0) - 1
 
 
 def latex(tree: Tree) -> str:
