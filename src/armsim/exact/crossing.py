@@ -88,15 +88,22 @@ def work_room(n, guards):
 
 
 @compiled
+def is_finite(array):
+    """Whether all entries are finite."""
+    finite = True
+    for entry in array.flat:
+        finite = finite and np.isfinite(entry)
+    return finite
+
+
+@compiled
 def set_slope(A, b, z, slope):
     """Set `slope` to A z + b; return whether it is finite."""
-    finite = True
     for i in range(z.size):
         slope[i] = b[i]
         for j in range(z.size):
             slope[i] += A[i, j] * z[j]
-        finite = finite and math.isfinite(slope[i])
-    return finite
+    return is_finite(slope)
 
 
 @compiled

@@ -35,11 +35,9 @@ def borrowed(typing, arrays):
 
     What it is made from must be passed to `keep_alive` after the last use of these arrays.
     """
-
-    def code(context, builder, signature, arguments):
-        return _uncounted(context, builder, arrays, arguments[0])
-
-    return arrays(arrays), code
+    return arrays(arrays), lambda context, builder, _, tuples: _uncounted(
+        context, builder, arrays, tuples[0]
+    )
 
 
 @intrinsic

@@ -22,7 +22,7 @@ from numba.extending import is_jitted
 
 from armsim.checks import IntegrationError, checked_count, checked_times, reals
 from armsim.exact import crossing, modal
-from armsim.exact.crossing import Mode
+from armsim.exact.crossing import Mode, is_finite
 from armsim.exact.intrinsics import borrowed, keep_alive
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
 from armsim.machine_code import announced, generated, kept
@@ -79,7 +79,7 @@ def _run_piece(here, m, place, h, longest_search, start, w, z):
     if guard == crossing.GIVEN_UP:
         return h, guard, side
     modal.advance(p, h, z)
-    if not _is_finite(z):
+    if not is_finite(z):
         return _finite_until(p, h, z), OVERFLOW, 0
     if guard >= 0:
         limit = here.upper[guard] if side > 0 else here.lower[guard]
@@ -94,7 +94,7 @@ def _finite_until(p, end, z):
     for _ in range(60):
         middle = 0.5 * (low + high)
         modal.advance(p, middle, z)
-        low, high = (middle, high) if _is_finite(z) else (low, middle)
+        low, high = (middle, high) if is_finite(z) else (low, middle)
     return high
 
 
@@ -214,17 +214,9 @@ def _clear(here):
 
 
 @compiled
-def _is_finite(array):
-    finite = True
-    for entry in array.flat:
-        finite = finite and np.isfinite(entry)
-    return finite
-
-
-@compiled
 def _is_allowed(here):
     """Whether a mode has finite entries and ordered limits, which may be infinite."""
-    finite = _is_finite(here.A) and _is_finite(here.b) and _is_finite(here.normal)
+    finite = is_finite(here.A) and is_finite(here.b) and is_finite(here.normal)
     return finite and (here.lower <= here.upper).all()
 
 
@@ -374,10 +366,8 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
         SEARCH_TOO_LONG: f"no next event found in {crossing.MAX_SEARCH} steps of search",
         WRONG_MODE: f"mode {mode_name(record.mode)} is not allowed with {_fault(record.here)}",
     }[record.status]
-    raise IntegrationError(
-        f"exact solution stopped at t = {record.end:.12g}: {reason}"
-        + (f" ({last})" if last else "")
-    )
+    reason += f" ({last})" if last else ""
+    raise IntegrationError(f"exact solution stopped at t = {record.end:.12g}: {reason}")
 
 
 def _fault(mode: Mode) -> str:
@@ -444,9 +434,8 @@ class System:
         except (NumbaError, UnsupportedBytecodeError, ValueError) as error:
             lines = re.findall(r"^ *(?!Failed in|During)(\S.*)", str(error), re.M)
             name = [name, *re.findall(r"<function (\S+) at", str(error))][-1]
-            raise TypeError(
-                f"numba cannot compile {name}: {' '.join(lines[:2])}".rstrip(":")
-            ) from None
+            reason = f"{name}: {' '.join(lines[:2])}".rstrip(":")
+            raise TypeError(f"numba cannot compile {reason}") from None
 
     def solve(
         self,
@@ -501,7 +490,7 @@ class System:
         if starts[0] != start or not (np.diff(starts) > 0).all():
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
         sizes = checked_count("guards", self.guards, 0), checked_count("matrices", self.matrices)
-        limits = checked_count("max_events", max_events, 0), 10**6, crossing.MAX_SEARCH
+        limits = checked_count("max_events", max_events, 0), modal.MAX_PIECES, crossing.MAX_SEARCH
         arguments = constants, starts, given_inputs, end, z, checked_mode, sizes, limits
         self._compile(*arguments)
         record = self._run(*arguments)
