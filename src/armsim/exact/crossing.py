@@ -390,14 +390,14 @@ def _farthest(coefficients, end):
 
 @compiled
 def _rests(g, p, end, w):
-    """Whether a guard provably stays constant to within rounding."""
-    farthest = abs(w.drift[g]) * end
+    """Whether a guard provably stays constant to within rounding, its own and that of the modes."""
+    farthest = abs(w.drift[g]) * end + _farthest(w.change[g], end)
     for k in range(p.modes):
         if p.rate[k].real <= 0.0 and p.rate[k] != 0.0:
             farthest += 2.0 * w.radius[g, k] + abs(w.d[g, k] * p.inverse[k]) * end
         elif w.size[g, k] > 0.0 or w.c[g, k] != 0.0:
             return False
-    return farthest + _farthest(w.change[g], end) <= w.noise[g]
+    return farthest <= w.noise[g] * (1.0 + p.loss / ROUNDING)
 
 
 @compiled

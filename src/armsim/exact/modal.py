@@ -314,8 +314,7 @@ def _cancellation(V, W, rate):
 def _keep(m, place, slot, value, weight, v, w, core):
     """Store a mode: its rate, and the maps from slopes to its amplitude and on to the states."""
     A, unit = m.A[place], m.unit[place]
-    m.rate[place, slot] = value
-    m.inverse[place, slot] = _reciprocal(value)
+    m.rate[place, slot], m.inverse[place, slot] = value, _reciprocal(value)
     m.speed[place, slot] = abs(value)
     for i in range(unit.size):
         m.row[place, slot, i] = m.column[place, i, slot] = 0.0
@@ -383,7 +382,8 @@ class Piece(NamedTuple):
     """Closed form of a piece with n states, as a function of the time u since its start."""
 
     modes: int  #: number of modes, or 0 for a Taylor series
-    reach: float  #: as the arrays down to `column`, those of the matrix in `Matrices`
+    reach: float  #: this and all down to `column`: of the matrix, as in `Matrices`
+    loss: float
     unit: np.ndarray
     rate: np.ndarray
     inverse: np.ndarray
@@ -426,7 +426,8 @@ def piece(m, place, b, start):
                 start.rest[i] -= term
                 start.rest_size[i] += abs(term)
                 start.decay[i] = min(start.decay[i], max(0.0, -rate[k].real))
-    return Piece(modes, m.reach[place], unit, rate, inverse, m.speed[place], column, start)
+    known = m.reach[place], m.loss[place], unit, rate, inverse, m.speed[place], column
+    return Piece(modes, *known, start)
 
 
 @compiled

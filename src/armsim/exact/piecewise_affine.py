@@ -73,8 +73,7 @@ def _run_piece(here, m, place, h, longest_search, start, w, z):
     if guard >= 0:
         return 0.0, guard, side
     p = modal.piece(m, place, here.b, start)
-    if p.modes == 0:
-        h = min(h, p.reach)
+    h = min(h, p.reach) if p.modes == 0 else h
     h, guard, side = crossing.first_crossing(here, p, h, longest_search, w)
     if guard == crossing.GIVEN_UP:
         return h, guard, side
