@@ -97,12 +97,14 @@ def is_finite(array):
 
 
 @compiled
-def set_slope(A, b, z, slope):
-    """Set `slope` to A z + b; return whether it is finite."""
+def set_slope(A, b, start):
+    """Set the slope A z + b and the sum of its terms' magnitudes; return whether it is finite."""
+    z, slope, size = start.state, start.slope, start.slope_size
     for i in range(z.size):
-        slope[i] = b[i]
+        slope[i], size[i] = b[i], abs(b[i])
         for j in range(z.size):
-            slope[i] += A[i, j] * z[j]
+            term = A[i, j] * z[j]
+            slope[i], size[i] = slope[i] + term, size[i] + abs(term)
     return is_finite(slope)
 
 
@@ -137,13 +139,12 @@ def stand(here, start, w):
 @compiled
 def _first_derivative(normal, here, start):
     """Return the first derivative of a guard that exceeds rounding, or 0, and its order."""
-    v, size_of_A, order = start.slope, np.abs(here.A), 1
-    size_of_v = size_of_A @ np.abs(start.state) + np.abs(here.b)
+    v, size, order = start.slope, start.slope_size, 1
     while order <= v.size + 1:
         derivative = normal @ v
-        if abs(derivative) > ROUNDING * (np.abs(normal) @ size_of_v):
+        if abs(derivative) > ROUNDING * (np.abs(normal) @ size):
             return derivative, order
-        v, size_of_v, order = here.A @ v, size_of_A @ size_of_v, order + 1
+        v, size, order = here.A @ v, np.abs(here.A) @ size, order + 1
     return 0.0, order
 
 

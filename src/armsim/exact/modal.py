@@ -371,6 +371,7 @@ class Start(NamedTuple):
 
     state: np.ndarray  #: (n,) z
     slope: np.ndarray  #: (n,) ż
+    slope_size: np.ndarray  #: (n,) sum of the magnitudes of its terms
     amplitude: np.ndarray  #: (n,) complex amplitude of each mode in ż
     taylor: np.ndarray  #: (TERMS, n) coefficients of u, u², …
     rest: np.ndarray  #: (n,) equilibrium
@@ -395,8 +396,8 @@ class Piece(NamedTuple):
 @compiled
 def start_room(n):
     """Allocate what describes the start of a piece."""
-    r = np.empty((5, n))
-    return Start(r[0], r[1], np.empty(n, np.complex128), np.empty((TERMS, n)), r[2], r[3], r[4])
+    r, amplitude, taylor = np.empty((6, n)), np.empty(n, np.complex128), np.empty((TERMS, n))
+    return Start(r[0], r[1], r[2], amplitude, taylor, r[3], r[4], r[5])
 
 
 @compiled

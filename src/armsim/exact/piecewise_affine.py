@@ -22,7 +22,7 @@ from numba.extending import is_jitted
 
 from armsim.checks import IntegrationError, checked_count, checked_times, reals
 from armsim.exact import crossing, modal
-from armsim.exact.crossing import Mode, is_finite
+from armsim.exact.crossing import Mode, is_finite, set_slope
 from armsim.exact.intrinsics import borrowed, keep_alive
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
 from armsim.machine_code import announced, generated, kept
@@ -174,16 +174,14 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         if place >= 0 and m.modes[place] == UNKNOWN:
             modal.decompose(m, place, (end - starts[0]) / m.reach[place])
         start.state[:] = z
-        finite = crossing.set_slope(here.A, here.b, z, start.slope)
-        status = _obstacle(m, place, pieces == limits[1], finite)
+        status = _obstacle(m, place, pieces == limits[1], set_slope(here.A, here.b, start))
         if status != FINISHED:
             break
         begin, label = _with_room(begin, pieces), _with_room(label, pieces)
         begin[pieces, 0], begin[pieces, 1 : 1 + n], begin[pieces, 1 + n :] = t, z, here.b
         h, guard, side = _run_piece(here, m, place, until - t, limits[2], start, w, z)
         if guard < -1:
-            status = NOT_FINITE if guard == OVERFLOW else SEARCH_TOO_LONG
-            t += h
+            status, t = NOT_FINITE if guard == OVERFLOW else SEARCH_TOO_LONG, t + h
             break
         if h > 0.0:
             label[pieces, 0], label[pieces, 1] = mode, place
@@ -242,7 +240,7 @@ def sample(record, times, out):
         row, place = record.start[pieces[j]], record.label[pieces[j], 1]
         if pieces[j] != last:
             start.state[:] = row[1 : n + 1]
-            crossing.set_slope(m.A[place], row[n + 1 :], start.state, start.slope)
+            set_slope(m.A[place], row[n + 1 :], start)
             p, last = modal.piece(m, place, row[n + 1 :], start), pieces[j]
         modal.advance(p, times[j] - row[0], out[:, j])
     keep_alive(owned)
