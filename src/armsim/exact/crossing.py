@@ -76,11 +76,8 @@ class Work(NamedTuple):
 @compiled
 def work_room(n, guards):
     """Allocate the workspace for n states and a number of guards."""
-    r, c, m = (
-        np.empty((9, guards)),
-        np.empty((4, guards, n), np.complex128),
-        np.empty((2, guards, n)),
-    )
+    r, m = np.empty((9, guards)), np.empty((2, guards, n))
+    c = np.empty((4, guards, n), np.complex128)
     order, change, p = np.empty(guards, np.int64), np.empty((guards, TERMS)), np.empty((7, n + 1))
     proof = Proof(p[0], p[1], p[2], p[3], p[4], p[5], p[6])
     numbers = r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]
@@ -205,8 +202,10 @@ def _box(rate, centre, radius):
 
 @merged
 def _gain_modal(g, p, s, rest, w):
-    """Return gain and slope of a guard at `s`, the gain's noise, the reach; the rest and its noise.
+    """Evaluate a guard at `s`, and fill in `w.proof` for steps from there.
 
+    Returns the gain since the start, the slope, the sum of the magnitudes of the gain's terms, the
+    reach, what is left of the way to the equilibrium, and the sum of the magnitudes of its terms.
     The gain is drift s + Σ Re(c E₁(λ, s) + d E₂(λ, s)). The proof holds for steps up to the reach.
     `rest` is the remaining time of the piece.
     """

@@ -50,7 +50,7 @@ class Matrices(NamedTuple):
     A: np.ndarray  #: (k, n, n)
     unit: np.ndarray  #: (k, n) balancing units of the states; 0 if no derivative depends on it
     reach: np.ndarray  #: (k,) longest time for the Taylor series, 1/‖A‖ in these units
-    loss: np.ndarray  #: (k,) bound of the relative error of a piece, from the condition used
+    loss: np.ndarray  #: (k,) estimate, with a margin, of the relative error of a piece
     modes: np.ndarray  #: (k,) number of modes kept, 0 for A = 0; or `UNKNOWN`, `DEFECTIVE`
     rate: np.ndarray  #: (k, n) complex λ, slowest first; of a pair, the one with Im λ > 0
     inverse: np.ndarray  #: (k, n) complex 1/λ
@@ -260,7 +260,7 @@ def _difference(P, Q, F, d):
 def _refine(C, V, rate):
     """Refine eigenvalues and eigenvectors by Newton's method.
 
-    Returns the inverse of `V` and a bound of the relative error of a sum over the modes. With
+    Returns the inverse of `V`, and an estimate for the relative error of a sum over the modes. With
     E = V⁻¹ (C V - V Λ), the corrections are E_ii of an eigenvalue and E_ij / (λ_j - λ_i) of an
     eigenvector. Where the gap does not exceed E_ij, the eigenvalues count as equal.
     """

@@ -308,7 +308,7 @@ class ExactSolution:
 
     @property
     def loss(self) -> float:
-        """Bound of the relative error of any piece, from the condition of its matrix's modes."""
+        """Estimate, with a margin, of the relative error of any piece, from its matrix's modes."""
         return float(self.record.matrices.loss[self.record.label[:, 1]].max())
 
     def modes(self, t: np.ndarray) -> list:
