@@ -144,13 +144,14 @@ class _Files(NullCache):
     they can by numba's own index.
     """
 
-    def __init__(self, function: Any, stamp: str, folder: Path) -> None:
+    def __init__(self, dispatcher: Any, folder: Path) -> None:
         # Scripts share the module's name, generated functions share the module.
+        function = dispatcher.py_func
         file, module = function.__code__.co_filename, function.__module__
         place = file if module == "__main__" or file.startswith("<") else ""
         name = function.__qualname__.replace("<", "").replace(">", "")
         self._folder, self._base = folder, f"{name}-{_digest([module, place])[:12]}"
-        self._stamp = stamp[:20]
+        self._dispatcher = dispatcher
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
@@ -166,16 +167,19 @@ class _Files(NullCache):
         with suppress(OSError, _Unknown):
             file = self._file(sig, data.codegen)
             for old in set(self._folder.glob(f"{self._base}.*")):
-                if self._stamp not in old.name:
+                if old.name.split(".")[:2] != file.name.split(".")[:2]:
                     old.unlink(missing_ok=True)
             new = file.with_suffix(f".{uuid4().hex}")
             new.write_bytes(dumps(data._reduce()))
             new.replace(file)
 
     def _file(self, sig: Any, codegen: Any) -> Path:
+        # Not when the function is defined: what it calls may be defined, or changed, later.
+        if (stamp := fingerprint(self._dispatcher)) is None:
+            raise _Unknown(self._dispatcher)
         arguments = [part for kind in getattr(sig, "args", sig) for part in _type_parts(kind)]
         digest = _digest([*arguments, repr(codegen.magic_tuple())])
-        return self._folder / f"{self._base}.{self._stamp}.{digest[:20]}.nbc"
+        return self._folder / f"{self._base}.{stamp[:20]}.{digest[:20]}.nbc"
 
 
 def _type_parts(kind: types.Type) -> Iterator[str]:
@@ -213,14 +217,13 @@ def kept(**options: Any) -> Callable[[Callable], Callable]:
     Returns
     -------
     callable
-        Takes a function; what this calls must be defined already.
+        Takes a function.
     """
 
     def compiled(function: Callable) -> Callable:
         dispatcher, folder = njit(**options)(function), _folder()
-        stamp = fingerprint(dispatcher)  # its options too
-        if stamp is not None and folder is not None:
-            dispatcher._cache = _Files(function, stamp, folder)
+        if folder is not None:
+            dispatcher._cache = _Files(dispatcher, folder)
         return dispatcher
 
     return compiled

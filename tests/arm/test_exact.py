@@ -97,7 +97,7 @@ def test_every_mode_has_the_equations_of_its_region(speed):
 def dense_times(run, panels=1000, nodes=20):
     """Gauss points and weights that resolve every piece, its beginning finest."""
     x, w = np.polynomial.legendre.leggauss(nodes)
-    edges = np.concatenate((run.solution.record.start[:, 0], [run.solution.end]))
+    edges = np.concatenate((run.solution.room.start[:, 0], [run.solution.end]))
     cuts = []
     for a, b in itertools.pairwise(edges):
         even = np.linspace(a, b, max(2, math.ceil((b - a) * panels)))
@@ -285,21 +285,21 @@ def test_from_any_start_a_run_continues_where_it_was_cut(seed, y, cut):
 
 def largest_error_of_a_piece(run, count=20):
     """Over each of some pieces, against the matrix exponential in ball arithmetic of 500 bits."""
-    record, p = run.solution.record, run.parameters
+    room, p = run.solution.room, run.parameters
     here = Mode(np.empty((7, 7)), np.empty(7), np.empty((4, 7)), np.empty(4), np.empty(4))
-    n, worst = len(record.start), 0.0
-    edges = np.append(record.start[:, 0], run.solution.end)
-    states = piecewise_affine.states(record, np.nextafter(edges[1:], 0.0)).T
-    even = piecewise_affine.states(record, np.linspace(0.0, run.solution.end, 2001)).T
+    n, worst = len(room.start), 0.0
+    edges = np.append(room.start[:, 0], run.solution.end)
+    states = piecewise_affine.states(room, np.nextafter(edges[1:], 0.0)).T
+    even = piecewise_affine.states(room, np.linspace(0.0, run.solution.end, 2001)).T
     largest = np.abs([*even, *states]).max(axis=0) + 1e-300
     for piece in sorted({*range(min(n, count)), *np.linspace(0, n - 1, count).astype(int)}):
         pair = constants(p), without_offsets(constants(p))
-        modes.equations(int(record.label[piece, 0]), 10.0, pair, here)
+        modes.equations(int(room.label[piece, 0]), 10.0, pair, here)
         time = flint.arb(np.nextafter(edges[piece + 1], 0.0)) - flint.arb(edges[piece])
         with flint.ctx.workprec(500):
             rows = np.column_stack((here.A, here.b)).tolist()
             power = (flint.arb_mat([*rows, 8 * [0.0]]) * time).exp()
-            start = flint.arb_mat([[float(v)] for v in (*record.start[piece, 1:8], 1.0)])
+            start = flint.arb_mat([[float(v)] for v in (*room.start[piece, 1:8], 1.0)])
             wanted = np.array([float(v.mid()) for v in (power * start).entries()[:7]])
         worst = max(worst, (np.abs(states[piece] - wanted) / largest).max())
     return worst

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from armsim.arm import AxisParameters, simulate, simulate_many
 from armsim.arm.dynamics import constants, rhs
 from armsim.arm.slave_control import MEMORY, SlaveControl, Track, put_out
+from armsim.exact import piecewise_affine
 from armsim.methods import tableaux
 
 P = AxisParameters.paper_x_axis()
@@ -203,9 +204,18 @@ def test_runge_kutta_tends_to_the_exact_closed_loop_and_meets_every_sample():
 
 def test_a_sample_costs_a_piece_and_no_more():
     run = simulate(P, control=SlaveControl(), t_end=3.0)
-    pieces = len(run.solution.record.start)
+    pieces = len(run.solution.room.start)
     changes = len({event.time for event in run.events} | {t for t, _ in run.schedule})
     assert pieces == changes
+
+
+def test_a_run_that_needs_more_room_is_the_same(monkeypatch):
+    runs = [simulate(P, t_end=0.5, control=MOVE)]
+    monkeypatch.setattr(piecewise_affine, "_ROWS", 3)
+    runs.append(simulate(P, t_end=0.5, control=MOVE))
+    assert len(runs[0].solution.room.start) > 24  # more than eight times three
+    first, second = ([*run.solution.room[:4], run.schedule] for run in runs)
+    assert all(map(np.array_equal, first, second))
 
 
 def test_a_batch_is_the_same_as_one_by_one():

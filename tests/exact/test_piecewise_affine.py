@@ -216,7 +216,7 @@ def test_stiffness_costs_no_digits(L):
     A = [[-1 / L, -0.5 / L, 0], [25, -5, -3], [0, 1, 0]]
     worst, run = error(A, np.zeros(3), np.array([10 / L, 0, 0]), (1e-3, 0.05, 0.2, 1.0))
     assert worst <= 1e-14
-    assert len(run.record.start) == 1
+    assert len(run.room.start) == 1
 
 
 def test_what_cannot_be_solved_to_nine_digits_is_an_error():
@@ -353,7 +353,7 @@ def test_a_system_at_rest_at_its_limit_stays_there(seed):
     rest, normal = rng.normal(size=3), rng.normal(size=3)
     modes = [(A, -A @ rest, {0: (normal, -np.inf, normal @ rest)})] * 2
     run = solve(modes, rest, 100.0, {(0, 0): (1, 1), (1, 0): (1, 1)}, mode=0, max_events=30)
-    assert run.record.label.shape[0] < 50
+    assert run.room.label.shape[0] < 50
     assert run(100.0) == pytest.approx(rest, rel=1e-13)
 
 

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from importlib.util import module_from_spec, spec_from_file_location
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +21,6 @@ EPSILON = np.finfo(float).eps
 # --- the examples against their closed forms ------------------------------------------------------
 
 
-def example(name):
-    spec = spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def rounding(count):
     """Relative error of a time that is the sum of `count` intervals, each with 2 ε of its own.
 
@@ -43,7 +36,7 @@ def times(run):
 
 @pytest.mark.parametrize("outside", [5.0, -8.0])
 def test_the_thermostat_switches_at_its_closed_form(outside):
-    thermostat = example("thermostat")
+    thermostat = import_module("thermostat")
     constants = 0.25, 8.0, 19.0, 21.0
     run = thermostat.solve(15.0, 500.0, outside, constants)
     expected = thermostat.switching_times(len(run.events), 15.0, outside, constants)
@@ -55,7 +48,7 @@ def test_the_thermostat_switches_at_its_closed_form(outside):
 
 @pytest.mark.parametrize("duty", [0.1, 0.4, 0.75])
 def test_the_buck_converter_follows_its_matrix_exponentials(duty):
-    buck, count = example("buck_converter"), 400
+    buck, count = import_module("buck_converter"), 400
     constants = 100e-6, 100e-6, 2.0, 10e-6, duty
     period = constants[3]
     run = buck.solve(count + 0.5 * duty, 12.0, constants)
@@ -73,7 +66,7 @@ def test_the_buck_converter_follows_its_matrix_exponentials(duty):
 
 @pytest.mark.parametrize(("restitution", "slowest"), [(0.8, 0.01), (0.95, 1e-3), (0.3, 0.5)])
 def test_the_ball_bounces_at_its_closed_form_and_stops(restitution, slowest):
-    ball = example("bouncing_ball")
+    ball = import_module("bouncing_ball")
     constants = restitution, slowest
     run = ball.solve(1.0, 50.0, 9.81, constants)
     expected, speeds = ball.impacts(1.0, 9.81, constants)
@@ -93,7 +86,7 @@ def test_the_ball_bounces_at_its_closed_form_and_stops(restitution, slowest):
 
 @pytest.mark.parametrize("belt", [0.01, 0.1, 1.0])
 def test_the_block_sticks_and_slips_at_its_closed_form(belt):
-    block = example("block_on_belt")
+    block = import_module("block_on_belt")
     constants = mass, stiffness, belt, holds, drags = 1.0, 100.0, belt, 5.0, 3.0
     run = block.solve(50.0, constants)
     expected = block.switching_times(len(run.events), constants)
@@ -184,8 +177,8 @@ def test_a_mode_starts_from_zeros_without_limits_each_time():
     assert [event.after for event in run.events] == [1]
     later = run(np.array([1.0, 2.0, 4.0]))
     assert later == pytest.approx(np.repeat([[1.0], [3 * math.exp(-1)]], 3, axis=1), rel=1e-15)
-    assert run.record.here.lower.tolist() == [-math.inf] * 2
-    assert not run.record.here.normal.any()
+    assert run.room.here.lower.tolist() == [-math.inf] * 2
+    assert not run.room.here.normal.any()
 
 
 @pytest.mark.parametrize("limit", [1e3, 1e160, 1e300])

@@ -20,11 +20,10 @@ from armsim.arm import dynamics
 from armsim.arm.dynamics import FAST, REST, Region, region_number, region_of_number
 from armsim.arm.slave_control import Law, put_out
 from armsim.exact import piecewise_affine
-from armsim.exact.modal import OPTIONS, compiled
-from armsim.machine_code import kept
+from armsim.exact.modal import compiled
 
 #: Four guards, the fields of `Region`; 2⁴ matrices, since A is independent of the branch signs.
-_SIZES = (4, 16)
+GUARDS, MATRICES = 4, 16
 
 
 @compiled
@@ -145,28 +144,24 @@ def start(y, k):
 
 # --- called from Python -------------------------------------------------------------------------
 
-_kept = kept(**OPTIONS)
 
-
-@_kept
-def run(constants, starts, inputs, t_end, y0, limits):
+@compiled
+def run(constants, starts, inputs, t_end, y0, limits, room):
     """Run an axis from `y0` (7,) with the `inputs` that apply from the times `starts` (j,) on.
 
-    `constants` are `dynamics.constants` with and without offsets; `limits` as for
-    `piecewise_affine.solve`. Returns a `piecewise_affine.Record`.
+    `constants` are `dynamics.constants` with and without offsets; the rest is as in
+    `piecewise_affine.solve`.
     """
     z, mode = start(y0, constants[0])
     return piecewise_affine.solve(
-        equations, successor, hold, constants, starts, inputs, t_end, z, mode, _SIZES, limits
+        equations, successor, hold, constants, starts, inputs, t_end, z, mode, limits, room
     )
 
 
-@_kept
-def states(r_g, record, times):
-    """Return the states y0 … y6 (7, n) of a run at `times` (n,)."""
-    y = np.empty((7, times.size))
-    piecewise_affine.sample(record, times, y)
+@compiled
+def states(r_g, room, times, y):
+    """Set `y` (7, n) to the states y0 … y6 of a run at `times` (n,)."""
+    piecewise_affine.sample(room, times, y)
     for j in range(times.size):
         x, y[1, j] = y[1, j], y[2, j]
         y[2, j] = (x + y[0, j]) / r_g
-    return y

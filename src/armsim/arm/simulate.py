@@ -17,7 +17,7 @@ from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
 from armsim.checks import IntegrationError, reals
 from armsim.exact import crossing
-from armsim.exact.piecewise_affine import Event, ExactSolution, require_finished
+from armsim.exact.piecewise_affine import Event, ExactSolution, Room, recorded, require_finished
 from armsim.machine_code import announced
 from armsim.methods import runge_kutta
 from armsim.methods.runge_kutta import Form
@@ -252,10 +252,21 @@ class _Task(NamedTuple):
 
 def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
     k, limits = constants(p), (MAX_EVENTS, MAX_PIECES, crossing.MAX_SEARCH)
-    record = modes.run((k, dynamics.without_offsets(k)), *task, limits)
+
+    def run(room: Room) -> tuple:
+        task.inputs.memory[:] = 0.0  # of the control unit, if this is a second attempt
+        return modes.run((k, dynamics.without_offsets(k)), *task, limits, room)
+
+    record = recorded(run, 7, modes.GUARDS, modes.MATRICES)
     require_finished(record, *_TO_NAMES)
-    states = partial(modes.states, p.r_g)
-    return ExactSolution(record, task.t_end, states, *_TO_NAMES, task.schedule)
+    states = partial(_states, p.r_g)
+    return ExactSolution(record.room, task.t_end, states, *_TO_NAMES, task.schedule)
+
+
+def _states(r_g: float, room: Room, times: np.ndarray) -> np.ndarray:
+    y = np.empty((7, times.size))
+    modes.states(r_g, room, times, y)
+    return y
 
 
 @cache

@@ -15,9 +15,11 @@ import numpy as np
 from numba import njit
 
 from armsim.exact.intrinsics import eigen, fma
+from armsim.machine_code import kept
 
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
-compiled = njit(**OPTIONS)
+#: Kept on disk, so that a new system compiles only what is its own.
+compiled = kept(**OPTIONS)
 #: For sums in twice the working precision: no product is merged with a sum.
 strict = njit(error_model="numpy", nogil=True)
 #: For functions that are small or called from several places.
@@ -59,13 +61,12 @@ class Matrices(NamedTuple):
     row: np.ndarray  #: (k, n, n) complex, maps slopes to amplitudes
 
 
-@compiled
-def room_for(k, n):
+def room_for(k: int, n: int) -> Matrices:
     """Allocate storage for `k` matrices of `n` rows."""
-    square, row = np.empty((2, k, n, n), np.complex128), np.empty((2, k, n), np.complex128)
-    A, reach, loss, modes = np.empty((k, n, n)), np.empty(k), np.empty(k), np.empty(k, np.int64)
-    unit, speed = np.empty((k, n)), np.empty((k, n))
-    return Matrices(A, unit, reach, loss, modes, row[0], row[1], speed, square[0], square[1])
+    (column, row), (rate, inverse) = np.empty((2, k, n, n), complex), np.empty((2, k, n), complex)
+    (unit, speed), (reach, loss) = np.empty((2, k, n)), np.empty((2, k))
+    A, modes = np.empty((k, n, n)), np.empty(k, np.int64)
+    return Matrices(A, unit, reach, loss, modes, rate, inverse, speed, column, row)
 
 
 # --- exp(λt) and its integrals ----------------------------------------------------------------

@@ -25,7 +25,7 @@ from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode, is_finite, set_slope
 from armsim.exact.intrinsics import borrowed, keep_alive
 from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
-from armsim.machine_code import announced, generated, kept
+from armsim.machine_code import announced, generated
 
 #: Returned in place of a guard if the state overflows in a piece.
 OVERFLOW = -3
@@ -42,21 +42,49 @@ AT_ONCE = 25
     SEARCH_TOO_LONG,
     TOO_INEXACT,
     WRONG_MODE,
-) = range(9)
+    NO_ROOM,
+) = range(10)
+#: Rows of the first room for pieces and events.
+_ROWS = 256
 
 
-class Record(NamedTuple):
-    """Result of a compiled run with p pieces and e events."""
+class Room(NamedTuple):
+    """Where a compiled run puts its p pieces and e events."""
 
-    status: int  #: `FINISHED` or the reason for stopping
     start: np.ndarray  #: (p, 1 + 2n) time and state at the start of each piece, and its b
     label: np.ndarray  #: (p, 2) mode and place of the matrix of each piece
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
+    here: Mode  #: as last filled in
     matrices: Matrices
+
+
+class Record(NamedTuple):
+    """Result of a run."""
+
+    status: int  #: `FINISHED` or the reason for stopping
     end: float  #: time reached
     mode: int  #: mode reached
-    here: Mode  #: as last filled in
+    room: Room
+
+
+def recorded(run: Callable, n: int, guards: int, matrices: int) -> Record:
+    """Return the result of ``run(room)``, a compiled `solve` of `n` states.
+
+    Python makes the arrays, so that the compiled code returns only numbers. Numba makes an array by
+    calling Python, and a signal that raises an error there would leave numba with half a result.
+    What does not fit is run again with eight times the room, which costs a seventh more.
+    """
+    here = Mode(np.empty((n, n)), np.empty(n), np.empty((guards, n)), *np.empty((2, guards)))
+    rows, known = _ROWS, modal.room_for(matrices, n)
+    while True:
+        numbers, counts = [np.empty((rows, k)) for k in (1 + 2 * n, 1)], (2, 4)
+        (start, time), (label, event) = numbers, [np.empty((rows, k), np.int64) for k in counts]
+        status, end, mode, p, e = run(Room(start, label, time, event, here, known))
+        if status != NO_ROOM:
+            found = start[:p].copy(), label[:p].copy(), time[:e].copy(), event[:e].copy()
+            return Record(status, end, mode, Room(*found, here, known))
+        rows *= 8
 
 
 # --- a run ------------------------------------------------------------------------------------
@@ -98,16 +126,6 @@ def _finite_until(p, end, z):
 
 
 @compiled
-def _with_room(rows, count):
-    """Return `rows` if they hold more than `count`, or else a copy of twice the length."""
-    if count < rows.shape[0]:
-        return rows
-    longer = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
-    longer[:count] = rows
-    return longer
-
-
-@compiled
 def given(interval, z, inputs, constants):
     """Return an input that is known in advance; see `solve`."""
     return inputs[interval]
@@ -116,7 +134,7 @@ def given(interval, z, inputs, constants):
 # Merged into its caller, so that the machine code contains no address of `equations` or `successor`
 # and numba can cache it on disk.
 @merged
-def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, sizes, limits):
+def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, limits, room):
     """Run a piecewise-affine system; for `System.solve` and other compiled code.
 
     Parameters
@@ -136,26 +154,26 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         State at the start; overwritten with the state at the end.
     mode : int
         Mode at the start.
-    sizes : (int, int)
-        Number of guards, and largest number of different matrices.
     limits : (int, int, int)
         Largest numbers of events, of pieces, and of steps of the search for an event.
+    room : Room
+        Filled in.
 
     Returns
     -------
-    Record
+    tuple
+        Status, time and mode reached, numbers of pieces and events.
     """
-    n, g = z.size, sizes[0]
-    here = Mode(np.empty((n, n)), np.empty(n), np.empty((g, n)), np.empty(g), np.empty(g))
-    rooms = modal.room_for(sizes[1], n), modal.start_room(n), crossing.work_room(n, g)
-    owned = here, *rooms
-    here, m, start, w = borrowed(owned)
-    begin, label = np.empty((32, 1 + 2 * n)), np.empty((32, 2), np.int64)
-    event_time, event = np.empty((32, 1)), np.empty((32, 4), np.int64)
+    n = z.size
+    owned = room, modal.start_room(n), crossing.work_room(n, room.here.lower.size)
+    (begin, label, event_time, event, here, m), start, w = borrowed(owned)
     pieces = events = at_once = known = interval = place = 0
     t, status, new, found = starts[0], FINISHED, True, mode - 1
     u = hold(0, z, inputs, constants)
     while t < end:
+        if max(pieces, events) == begin.shape[0]:
+            status = NO_ROOM
+            break
         until = end if interval + 1 == starts.size else min(end, starts[interval + 1])
         if t == until:
             interval, new = interval + 1, True
@@ -177,7 +195,6 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         status = _obstacle(m, place, pieces == limits[1], set_slope(here.A, here.b, start))
         if status != FINISHED:
             break
-        begin, label = _with_room(begin, pieces), _with_room(label, pieces)
         begin[pieces, 0], begin[pieces, 1 : 1 + n], begin[pieces, 1 + n :] = t, z, here.b
         h, guard, side = _run_piece(here, m, place, until - t, limits[2], start, w, z)
         if guard < -1:
@@ -189,7 +206,6 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
             at_once = at_once if t + h == t else 0
             t = until if guard < 0 and h == until - t else t + h
             continue
-        event_time, event = _with_room(event_time, events), _with_room(event, events)
         event_time[events, 0] = t
         event[events, 0], event[events, 1], event[events, 2] = guard, side, mode
         mode, new = successor(mode, guard, side, z, constants), True
@@ -198,9 +214,8 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, s
         if at_once > AT_ONCE or events > limits[0]:
             status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
             break
-    pieces_and_events = begin[:pieces], label[:pieces], event_time[:events], event[:events]
     keep_alive(owned)
-    return Record(status, *pieces_and_events, owned[1], t, mode, owned[0])
+    return status, t, mode, pieces, events
 
 
 @compiled
@@ -229,15 +244,15 @@ def _obstacle(m, place, all_pieces, finite):
     return FINISHED if m.loss[place] <= modal.TOLERATED else TOO_INEXACT
 
 
-@kept(**OPTIONS)
-def sample(record, times, out):
+@compiled
+def sample(room, times, out):
     """Set `out` (n, k) to the states of a run at `times` (k,)."""
     n, last = out.shape[0], -1
-    owned = record.matrices, modal.start_room(n)
+    owned = room.matrices, modal.start_room(n)
     m, start = borrowed(owned)
-    pieces = np.searchsorted(record.start[:, 0].copy(), times, side="right") - 1
+    pieces = np.searchsorted(room.start[:, 0].copy(), times, side="right") - 1
     for j in range(times.size):
-        row, place = record.start[pieces[j]], record.label[pieces[j], 1]
+        row, place = room.start[pieces[j]], room.label[pieces[j], 1]
         if pieces[j] != last:
             start.state[:] = row[1 : n + 1]
             set_slope(m.A[place], row[n + 1 :], start)
@@ -247,9 +262,9 @@ def sample(record, times, out):
 
 
 _RUN = """\
-def run(constants, starts, inputs, end, z, mode, sizes, limits):
+def run(constants, starts, inputs, end, z, mode, limits, room):
     return solve(
-        equations, successor, given, constants, starts, inputs, end, z, mode, sizes, limits
+        equations, successor, given, constants, starts, inputs, end, z, mode, limits, room
     )
 """
 
@@ -274,16 +289,16 @@ def _itself(value: Any) -> Any:
 class ExactSolution:
     """Exact solution; calling it with times returns the states."""
 
-    record: Record
+    room: Room
     end: float
-    states: Callable[[Record, np.ndarray], np.ndarray]  #: (n, k) from a record and times (k,)
+    states: Callable[[Room, np.ndarray], np.ndarray]  #: (n, k) from the room and times (k,)
     mode_name: Callable[[int], Any] = _itself
     guard_name: Callable[[int], Any] = _itself
     inputs: Sequence[tuple[float, Any]] = ()  #: (time, input from then on)
     nfev: int = 0  #: no right-hand side is evaluated
 
     def __repr__(self) -> str:
-        pieces, columns = self.record.start.shape
+        pieces, columns = self.room.start.shape
         size = f"{columns // 2} states, {pieces} pieces, {len(self.events)} events"
         return f"<ExactSolution from t = {self.start:g} to {self.end:g}: {size}>"
 
@@ -296,31 +311,31 @@ class ExactSolution:
             If a time lies outside the run, or the times are no single row.
         """
         if isinstance(t, float) and self.start <= t <= self.end:  # fast path for a scalar
-            return self.states(self.record, np.array([t]))[:, 0]
+            return self.states(self.room, np.array([t]))[:, 0]
         times = checked_times(t, self.start, self.end)
-        states = self.states(self.record, times)
+        states = self.states(self.room, times)
         return states if np.ndim(t) else states[:, 0]
 
     @property
     def start(self) -> float:
         """Start of the run."""
-        return float(self.record.start[0, 0])
+        return float(self.room.start[0, 0])
 
     @property
     def loss(self) -> float:
         """Estimate, with a margin, of the relative error of any piece, from its matrix's modes."""
-        return float(self.record.matrices.loss[self.record.label[:, 1]].max())
+        return float(self.room.matrices.loss[self.room.label[:, 1]].max())
 
     def modes(self, t: np.ndarray) -> list:
         """Modes at the times `t` (k,); at an event, the mode after it."""
         times = checked_times(t, self.start, self.end)
-        pieces = np.searchsorted(self.record.start[:, 0], times, side="right") - 1
-        return list(map(self.mode_name, self.record.label[pieces, 0].tolist()))
+        pieces = np.searchsorted(self.room.start[:, 0], times, side="right") - 1
+        return list(map(self.mode_name, self.room.label[pieces, 0].tolist()))
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """Switching events in time order; changes at the same time form one event."""
-        rows = zip(self.record.event_time[:, 0].tolist(), self.record.event.tolist(), strict=True)
+        rows = zip(self.room.event_time[:, 0].tolist(), self.room.event.tolist(), strict=True)
         found = []
         for time, same in groupby(rows, key=itemgetter(0)):
             changes = [change for _, change in same]
@@ -334,7 +349,7 @@ class ExactSolution:
         """Times for a plot: a thousand equal intervals, the events and the switches of input."""
         even = np.linspace(self.start, self.end, 1001)
         switches = [time for time, _ in self.inputs if time < self.end]
-        return np.unique(np.concatenate((even, self.record.event_time[:, 0], switches)))
+        return np.unique(np.concatenate((even, self.room.event_time[:, 0], switches)))
 
     @cached_property
     def y(self) -> np.ndarray:
@@ -349,19 +364,19 @@ def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_
     last = ", ".join(
         f"guard {guard_name(guard)} {'above' if side > 0 else 'below'}: "
         f"{mode_name(before)} to {mode_name(after)}"
-        for guard, side, before, after in record.event[-3:].tolist()
+        for guard, side, before, after in record.room.event[-3:].tolist()
     )
     reason = {
         MODES_CHASE: f"more than {AT_ONCE} events at one time: they accumulate, or a mode to "
         "slide is missing",
-        TOO_MANY_EVENTS: f"more than {len(record.event) - 1} events",
-        TOO_MANY_PIECES: f"more than {len(record.start)} pieces",
-        TOO_MANY_MATRICES: f"more than {len(record.matrices.reach)} different matrices",
+        TOO_MANY_EVENTS: f"more than {len(record.room.event) - 1} events",
+        TOO_MANY_PIECES: f"more than {len(record.room.start)} pieces",
+        TOO_MANY_MATRICES: f"more than {len(record.room.matrices.reach)} different matrices",
         NOT_FINITE: "the solution is not finite",
         TOO_INEXACT: "the modes of this matrix are nearly dependent, so that more than "
         f"{modal.TOLERATED:g} of the solution would be lost",
         SEARCH_TOO_LONG: f"no next event found in {crossing.MAX_SEARCH} steps of search",
-        WRONG_MODE: f"mode {mode_name(record.mode)} is not allowed with {_fault(record.here)}",
+        WRONG_MODE: f"mode {mode_name(record.mode)} is not allowed with {_fault(record.room.here)}",
     }[record.status]
     reason += f" ({last})" if last else ""
     raise IntegrationError(f"exact solution stopped at t = {record.end:.12g}: {reason}")
@@ -488,11 +503,15 @@ class System:
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
         sizes = checked_count("guards", self.guards, 0), checked_count("matrices", self.matrices)
         limits = checked_count("max_events", max_events, 0), modal.MAX_PIECES, crossing.MAX_SEARCH
-        arguments = constants, starts, given_inputs, end, z, checked_mode, sizes, limits
-        self._compile(*arguments)
-        record = self._run(*arguments)
+
+        def run(room: Room) -> tuple:
+            arguments = constants, starts, given_inputs, end, z.copy(), checked_mode, limits, room
+            self._compile(*arguments)
+            return self._run(*arguments)
+
+        record = recorded(run, z.size, *sizes)
         require_finished(record)
-        return ExactSolution(record, end, states, inputs=schedule)
+        return ExactSolution(record.room, end, states, inputs=schedule)
 
 
 def _row(name: str, values: object) -> np.ndarray:
@@ -503,8 +522,8 @@ def _row(name: str, values: object) -> np.ndarray:
     return row
 
 
-def states(record: Record, times: np.ndarray) -> np.ndarray:
+def states(room: Room, times: np.ndarray) -> np.ndarray:
     """States (n, k) of a run at `times` (k,)."""
-    out = np.empty((record.start.shape[1] // 2, len(times)))
-    sample(record, times, out)
+    out = np.empty((room.start.shape[1] // 2, len(times)))
+    sample(room, times, out)
     return out
