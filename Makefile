@@ -91,17 +91,16 @@ $(BUILT): $(PAGES) $(RESULTS) $(SUMMARIES) $(LOCKED) $(if $(STALE),forget) | $(I
 	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null
 	@touch $@
 
-# The book as one page, printed.
+# The book as one page, printed. Its pages have just been read for the HTML.
 PDF := _build/armsim.pdf
-SINGLE := _build/single
 pdf: $(PDF)
 	@echo 'The PDF: $(abspath $(PDF))'
 
 $(PDF): $(BUILT)
 	@echo 'Building the PDF'
-	@rm -rf $(SINGLE)
-	@$(BIN)/jupyter-book build . --builder singlehtml --path-output $(SINGLE) -W --keep-going -n -q > /dev/null
-	@$(BIN)/python -m reportkit.pdf $(SINGLE)/_build/singlehtml/index.html $@
+	@rm -rf _build/singlehtml
+	@$(BIN)/jupyter-book build . --builder singlehtml -W --keep-going -n -q > /dev/null
+	@$(BIN)/python -m reportkit.pdf _build/singlehtml/index.html $@
 
 # The results of a notebook that is no more must not be published.
 forget:

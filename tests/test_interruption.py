@@ -64,7 +64,7 @@ begin = time.perf_counter()
 compute()
 longest = min(0.03, time.perf_counter() - begin)
 draw = random.Random(0)
-for n in range(200):
+for n in range(100):
     number, error = [(signal.SIGINT, KeyboardInterrupt), (signal.SIGALRM, Alarm)][n % 2]
     caught = threading.Event()
     sender = threading.Thread(target=send, args=(number, draw.uniform(0, longest), caught))

@@ -166,8 +166,9 @@ class _Files(NullCache):
             return
         with suppress(OSError, _Unknown):
             file = self._file(sig, data.codegen)
+            own = file.name.rsplit(".", 2)[0]  # with the stamp, without the types of arguments
             for old in set(self._folder.glob(f"{self._base}.*")):
-                if old.name.split(".")[:2] != file.name.split(".")[:2]:
+                if not old.name.startswith(own):
                     old.unlink(missing_ok=True)
             new = file.with_suffix(f".{uuid4().hex}")
             new.write_bytes(dumps(data._reduce()))

@@ -20,13 +20,13 @@ def book(site, tmp_path):
         pdf.browser()
     except FileNotFoundError as error:
         pytest.skip(str(error))
-    folder = tmp_path
+    made = tmp_path / "book.pdf"
     subprocess.run(  # from the pages as they are
-        ["make", "-o", "_build/.built", "pdf", f"PDF={folder}/book.pdf", f"SINGLE={folder}/single"],
+        ["make", "-o", "_build/.built", "pdf", f"PDF={made}"],
         cwd=ROOT, check=True, capture_output=True,
         env={name: os.environ[name] for name in os.environ if "MAKE" not in name},
     )  # fmt: skip
-    return PdfReader(folder / "book.pdf")
+    return PdfReader(made)
 
 
 def entries(outline):
