@@ -181,9 +181,10 @@ class Claim:
         """
         if self.untestable:
             return UNTESTABLE
-        own, corrected = Reading("", self.tests), Reading("", self.corrected)
-        repaired = CORRECTED if corrected.holds(records) else REFUTED
-        verdict = CONFIRMED if own.holds(records) else repaired
+        own, corrected = (
+            Reading("", tests).holds(records) for tests in (self.tests, self.corrected)
+        )
+        verdict = CONFIRMED if own else CORRECTED if corrected else REFUTED
         others = {reading.holds(records) for reading in self.readings}
         return DEPENDS if turned or others - {verdict != REFUTED} else verdict
 

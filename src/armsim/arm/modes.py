@@ -159,7 +159,7 @@ def run(constants, starts, inputs, t_end, y0, limits, room):
 
 
 @compiled
-def states(r_g, room, times, y):
+def sample(r_g, room, times, y):
     """Set `y` (7, n) to the states y0 … y6 of a run at `times` (n,)."""
     piecewise_affine.sample(room, times, y)
     for j in range(times.size):

@@ -259,14 +259,8 @@ def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
 
     record = recorded(run, 7, modes.GUARDS, modes.MATRICES)
     require_finished(record, *_TO_NAMES)
-    states = partial(_states, p.r_g)
-    return ExactSolution(record.room, task.t_end, states, *_TO_NAMES, task.schedule)
-
-
-def _states(r_g: float, room: Room, times: np.ndarray) -> np.ndarray:
-    y = np.empty((7, times.size))
-    modes.states(r_g, room, times, y)
-    return y
+    sample = partial(modes.sample, p.r_g)
+    return ExactSolution(record.room, task.t_end, sample, *_TO_NAMES, task.schedule)
 
 
 @cache

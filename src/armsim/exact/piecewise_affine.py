@@ -291,7 +291,7 @@ class ExactSolution:
 
     room: Room
     end: float
-    states: Callable[[Room, np.ndarray], np.ndarray]  #: (n, k) from the room and times (k,)
+    sample: Callable[[Room, np.ndarray, np.ndarray], None]  #: compiled, see `sample`
     mode_name: Callable[[int], Any] = _itself
     guard_name: Callable[[int], Any] = _itself
     inputs: Sequence[tuple[float, Any]] = ()  #: (time, input from then on)
@@ -310,10 +310,10 @@ class ExactSolution:
         ValueError
             If a time lies outside the run, or the times are no single row.
         """
-        if isinstance(t, float) and self.start <= t <= self.end:  # fast path for a scalar
-            return self.states(self.room, np.array([t]))[:, 0]
-        times = checked_times(t, self.start, self.end)
-        states = self.states(self.room, times)
+        simple = isinstance(t, float) and self.start <= t <= self.end  # a fast path
+        times = np.array([t]) if simple else checked_times(t, self.start, self.end)
+        states = np.empty((self.room.start.shape[1] // 2, times.size))
+        self.sample(self.room, times, states)
         return states if np.ndim(t) else states[:, 0]
 
     @property
@@ -511,7 +511,7 @@ class System:
 
         record = recorded(run, z.size, *sizes)
         require_finished(record)
-        return ExactSolution(record.room, end, states, inputs=schedule)
+        return ExactSolution(record.room, end, sample, inputs=schedule)
 
 
 def _row(name: str, values: object) -> np.ndarray:
@@ -520,10 +520,3 @@ def _row(name: str, values: object) -> np.ndarray:
     if row.ndim != 1 or row.size == 0 or not np.isfinite(row).all():
         raise ValueError(f"{name} = {values!r}: one row of finite numbers is needed")
     return row
-
-
-def states(room: Room, times: np.ndarray) -> np.ndarray:
-    """States (n, k) of a run at `times` (k,)."""
-    out = np.empty((room.start.shape[1] // 2, len(times)))
-    sample(room, times, out)
-    return out
