@@ -181,9 +181,7 @@ class Claim:
         """
         if self.untestable:
             return UNTESTABLE
-        own, corrected = (
-            Reading("", tests).holds(records) for tests in (self.tests, self.corrected)
-        )
+        own, corrected = (Reading("", t).holds(records) for t in (self.tests, self.corrected))
         verdict = CONFIRMED if own else CORRECTED if corrected else REFUTED
         others = {reading.holds(records) for reading in self.readings}
         return DEPENDS if turned or others - {verdict != REFUTED} else verdict
