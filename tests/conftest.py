@@ -25,22 +25,13 @@ settings.register_profile(
 )
 settings.load_profile("ci")
 
-#: Files with tests that take long: if one began last, only one processor would be at work.
-_LONG = [
-    "test_pdf.py",
-    "test_second_opinion.py",
-    "test_rerun.py",
-    "test_exact.py",
-    "test_rebuild.py",
-]
-
 
 def pytest_collection_modifyitems(items):
-    """Begin with the longest tests, and give every property the seed of `make fuzz`.
+    """Begin with the longest test, and give every property the seed of `make fuzz`.
 
     Hypothesis keeps no failures of a test with a seed, by its decorator or by pytest's option.
     """
-    items.sort(key=lambda item: item.path.name not in _LONG)
+    items.sort(key=lambda item: item.path.name != "test_pdf.py")
     number = os.environ.get("FUZZ_SEED")
     for item in items if number else ():
         if is_hypothesis_test(getattr(item, "function", None)):

@@ -15,7 +15,7 @@ import random, signal, threading, time
 import numpy as np
 from armsim.arm import AxisParameters, identify, simulate, simulate_many
 from armsim.arm.files import read_axis, read_measurement
-from armsim.methods import integrate, tableaux
+from armsim.methods import tableaux
 from armsim.paths import DATA
 import thermostat
 

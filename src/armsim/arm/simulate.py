@@ -257,7 +257,7 @@ def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
         task.inputs.memory[:] = 0.0  # of the control unit, if this is a second attempt
         return modes.run((k, dynamics.without_offsets(k)), *task, limits, room)
 
-    record = recorded(run, 7, modes.GUARDS, modes.MATRICES)
+    record = recorded(run, 7, modes.GUARDS, modes.MATRICES, task.starts.size)
     require_finished(record, *_TO_NAMES)
     sample = partial(modes.sample, p.r_g)
     return ExactSolution(record.room, task.t_end, sample, *_TO_NAMES, task.schedule)

@@ -44,7 +44,7 @@ AT_ONCE = 25
     WRONG_MODE,
     NO_ROOM,
 ) = range(10)
-#: Rows of the first room for pieces and events.
+#: Rows of the first room for pieces and events, beside two for each input.
 _ROWS = 256
 
 
@@ -68,15 +68,16 @@ class Record(NamedTuple):
     room: Room
 
 
-def recorded(run: Callable, n: int, guards: int, matrices: int) -> Record:
+def recorded(run: Callable, n: int, guards: int, matrices: int, inputs: int) -> Record:
     """Return the result of ``run(room)``, a compiled `solve` of `n` states.
 
     Python makes the arrays, so that the compiled code returns only numbers. Numba makes an array by
     calling Python, and a signal that raises an error there would leave numba with half a result.
-    What does not fit is run again with eight times the room, which costs a seventh more.
+    What does not fit is run again with eight times the room. The first room depends on the number
+    of inputs, for a controller that is sampled often. Just above it, a run takes twice as long.
     """
     here = Mode(np.empty((n, n)), np.empty(n), np.empty((guards, n)), *np.empty((2, guards)))
-    rows, known = _ROWS, modal.room_for(matrices, n)
+    rows, known = _ROWS + 2 * inputs, modal.room_for(matrices, n)
     while True:
         numbers, counts = [np.empty((rows, k)) for k in (1 + 2 * n, 1)], (2, 4)
         (start, time), (label, event) = numbers, [np.empty((rows, k), np.int64) for k in counts]
@@ -509,7 +510,7 @@ class System:
             self._compile(*arguments)
             return self._run(*arguments)
 
-        record = recorded(run, z.size, *sizes)
+        record = recorded(run, z.size, *sizes, starts.size)
         require_finished(record)
         return ExactSolution(record.room, end, sample, inputs=schedule)
 
