@@ -9,6 +9,7 @@ kept, and each process compiles the function again.
 
 import builtins
 import dis
+import gc
 import hashlib
 import logging
 import os
@@ -262,12 +263,17 @@ def generated(source: str, names: dict[str, Any], **options: Any) -> Callable:
 def announced(name: str) -> Iterator[None]:
     """Log a warning if the compilation in the block is not done, or read from disk, in two seconds.
 
-    Without a handler of the application, logging writes warnings to standard error.
+    Without a handler of the application, logging writes warnings to standard error. Garbage is not
+    collected meanwhile: the search among the compiler's objects takes a seventh of the time.
     """
     text = f"armsim: compiling {name}; this takes some ten seconds"
     timer = threading.Timer(2.0, logging.getLogger("armsim").warning, (text,))
     timer.start()
+    collecting = gc.isenabled()
+    gc.disable()
     try:
         yield
     finally:
         timer.cancel()
+        if collecting:
+            gc.enable()
