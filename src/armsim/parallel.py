@@ -1,5 +1,8 @@
 """Evaluation of one function for many cases, on all processors or on a cluster."""
 
+import os
+import threading
+import time
 import traceback
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -27,7 +30,8 @@ def each(function: Callable, cases: Iterable[Any], progress: Progress = iter) ->
 
     Joblib starts one process per processor. A ``joblib.parallel_config`` block selects another
     backend: ``backend="dask"`` uses the cluster of a Dask client, ``backend="threading"`` uses
-    threads. The results do not depend on the backend.
+    threads. The results do not depend on the backend. Worker processes end soon after the process
+    that called, however it ended.
 
     Parameters
     ----------
@@ -50,8 +54,19 @@ def each(function: Callable, cases: Iterable[Any], progress: Progress = iter) ->
     [0, 1, 4, 9]
     """
     calls = (delayed(_attempt)(function, n, case) for n, case in enumerate(cases))
-    results = Parallel(n_jobs=-1, return_as="generator")(calls)
-    return list(progress(results))
+    watch = {"initializer": _end_with, "initargs": (os.getpid(),)}
+    return list(progress(Parallel(n_jobs=-1, return_as="generator", **watch)(calls)))
+
+
+def _end_with(parent: int) -> None:
+    """Make this process end when its parent has: joblib's workers would wait for work for ever."""
+
+    def watch() -> None:
+        while os.getppid() == parent:  # the new parent of an orphan need not be process 1
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _attempt(function: Callable[[Any], Any], n: int, case: Any) -> Any:
