@@ -71,7 +71,7 @@ def compare(
     runs, failures = [], []
     settings = step_sizes, tolerances
     listed = [(name, one) for name in problems for one in candidates(problems[name], *settings)]
-    for name, one in tqdm(listed, disable=None, leave=False):
+    for name, one in tqdm(listed, leave=False, unit="runs"):
         method, setting, solve, tableau, exponentials = one
         problem = problems[name]
         counter = problem.equations.counting()
