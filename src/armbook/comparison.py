@@ -170,7 +170,8 @@ def norms(
     """Run methods with several step sizes: errors (n,) by the key of the norm and the method."""
     found = {}
     for method in methods:
-        runs = [problem.run(fixed(method, h)) for h in step_sizes]
+        sizes = tqdm(step_sizes, leave=False, unit="runs")
+        runs = [problem.run(fixed(method, h)) for h in sizes]
         errors = [(t, problem.errors(t, y)) for t, y in runs]
         for key, (_, norm) in NORMS.items():
             found[key, method.name] = np.array([norm(*pair) for pair in errors])

@@ -141,7 +141,7 @@ def _bars(name: str) -> dict[str, str]:
     settings = {"TQDM_DESC": name, "TQDM_DELAY": _PAUSE, "TQDM_MININTERVAL": _PAUSE}
     form = "{desc}: {n_fmt} of {total_fmt} {unit}, about {remaining} left"
     if sys.stderr.isatty():
-        settings, form = {"TQDM_DESC": name}, "{l_bar}{bar}{r_bar}"
+        settings, form = {"TQDM_DESC": name, "TQDM_MININTERVAL": "1"}, "{l_bar}{bar}{r_bar}"
     return settings | {"TQDM_BAR_FORMAT": f"\x1b[K{form}\x1b[K"}
 
 
