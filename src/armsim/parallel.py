@@ -1,9 +1,9 @@
 """Evaluation of one function for many cases, on all processors or on a cluster."""
 
 import os
-import threading
 import time
 import traceback
+from _thread import start_new_thread
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -54,19 +54,15 @@ def each(function: Callable, cases: Iterable[Any], progress: Progress = iter) ->
     [0, 1, 4, 9]
     """
     calls = (delayed(_attempt)(function, n, case) for n, case in enumerate(cases))
-    watch = {"initializer": _end_with, "initargs": (os.getpid(),)}
+    watch = {"initializer": start_new_thread, "initargs": (_end_with, (os.getpid(),))}
     return list(progress(Parallel(n_jobs=-1, return_as="generator", **watch)(calls)))
 
 
 def _end_with(parent: int) -> None:
-    """Make this process end when its parent has: joblib's workers would wait for work for ever."""
-
-    def watch() -> None:
-        while os.getppid() == parent:  # the new parent of an orphan need not be process 1
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    """End this process when its parent has ended: a worker would wait for more work."""
+    while os.getppid() == parent:  # the new parent of an orphan need not be process 1
+        time.sleep(1.0)
+    os._exit(1)
 
 
 def _attempt(function: Callable[[Any], Any], n: int, case: Any) -> Any:

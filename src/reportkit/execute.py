@@ -5,12 +5,12 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
+from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
@@ -26,8 +26,6 @@ from reportkit.record import RESULTS_VARIABLE
 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
-#: s, time without a word of progress, where no terminal is
-_PAUSE = "10"
 # A progress bar, in the format of `_bars`, and the blanks that take its place when it is done.
 _BAR = re.compile(r"\x1b\[K([^\r\n]*?)(?:\x1b\[(?:K|0m))+ *|\r *")
 
@@ -128,28 +126,26 @@ def _scratch(parent: Path, stem: str) -> Iterator[Path]:
             scratch = Path(stack.enter_context(folder))
             stack.enter_context(locked(scratch))
         # If this process is killed, its pipe to the shell closes, and the kernel ends in a second.
-        command = 'exec > /dev/null 2>&1; read _; sleep 5; rm -rf "$0"'
-        shell = ["sh", "-c", command, str(scratch)]
-        guard = subprocess.Popen(shell, stdin=subprocess.PIPE, start_new_session=True)
-        stack.enter_context(guard)
+        shell = ["sh", "-c", 'exec > /dev/null 2>&1; read _; sleep 5; rm -rf "$0"', str(scratch)]
+        guard = stack.enter_context(Popen(shell, stdin=PIPE, start_new_session=True))
         stack.callback(guard.kill)
         yield scratch
 
 
 def _bars(name: str) -> dict[str, str]:
     """Settings of tqdm in a kernel: a bar on a terminal, and a line now and then elsewhere."""
-    settings = {"TQDM_DESC": name, "TQDM_DELAY": _PAUSE, "TQDM_MININTERVAL": _PAUSE}
-    form = "{desc}: {n_fmt} of {total_fmt} {unit}, about {remaining} left"
-    if sys.stderr.isatty():
-        settings, form = {"TQDM_DESC": name, "TQDM_MININTERVAL": "1"}, "{l_bar}{bar}{r_bar}"
-    return settings | {"TQDM_BAR_FORMAT": f"\x1b[K{form}\x1b[K"}
+    form, pause = "{l_bar}{bar}{r_bar}", {"TQDM_MININTERVAL": "1"}
+    if not sys.stderr.isatty():
+        form = "{desc}: {n_fmt} of {total_fmt} {unit}, about {remaining} left"
+        pause = {"TQDM_MININTERVAL": "10", "TQDM_DELAY": "10"}
+    # An empty text is false.
+    return {"TQDM_DESC": name, "TQDM_LEAVE": "", "TQDM_BAR_FORMAT": f"\x1b[K{form}\x1b[K"} | pause
 
 
 def _show_bars(text: str) -> None:
     """Show the progress bars in what a kernel has written to standard error."""
-    for bar in _BAR.finditer(text):
-        told = bar[0] if sys.stderr.isatty() else bar[1] and f"{bar[1]}\n"
-        print(told or "", end="", file=sys.stderr, flush=True)
+    told = (m[0] if sys.stderr.isatty() else m[1] and f"{m[1]}\n" for m in _BAR.finditer(text))
+    print(*filter(None, told), sep="", end="", file=sys.stderr, flush=True)
 
 
 def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.NotebookNode:

@@ -122,22 +122,19 @@ def measure(
     for function in functions.values() if warm_up else ():
         function()
     rows = []
-    bar = tqdm(total=repetitions * len(functions), leave=False, unit="measurements")
     gc.freeze()  # existing objects are not searched in every collection
     try:
-        for n in range(repetitions):
+        for n in tqdm(range(repetitions), unit="rounds"):
             gc.collect()
             for place, name in enumerate(random.permutation(list(functions)).tolist()):
                 timer = timeit.Timer(functions[name], timer=clock)  # no garbage is collected in it
                 while (total := timer.timeit(counts[name])) < least:
                     counts[name] *= 2
                 rows.append([n, place, name, counts[name], total / counts[name]])
-                bar.update()
             if n % 10 == 9 and enough(_timing(rows, chosen, resolutions)):
                 break
     finally:
         gc.unfreeze()
-        bar.close()
     return _timing(rows, chosen, resolutions)
 
 

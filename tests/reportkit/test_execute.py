@@ -44,7 +44,7 @@ def notebook(tmp_path):
 LOOP = """
 from tqdm import tqdm
 print("one")
-for n in tqdm(range(4), leave=False, unit="cases"):
+for n in tqdm(range(4), unit="cases"):
     if n == 2:
         print("careful", file=sys.stderr)
 print("two")
@@ -133,7 +133,8 @@ def test_interruption_leaves_nothing(notebook, tmp_path, number):
 def test_progress_is_told_as_it_goes_and_not_published(notebook, tmp_path, capsys, monkeypatch):
     source = notebook(STUDY, LOOP)
     folders = [tmp_path / name for name in ("log", "short", "screen")]
-    monkeypatch.setattr(module, "_PAUSE", "0")
+    at_once = {"TQDM_MININTERVAL": "0", "TQDM_DELAY": "0"}
+    monkeypatch.setattr(module, "_bars", lambda name, bars=module._bars: bars(name) | at_once)
     assert execute(source, folders[0]) == ["said", "careful"]
     told = capsys.readouterr().err.splitlines()
     assert told[0] == "50_trial: 0 of 4 cases, about ? left"
