@@ -71,8 +71,7 @@ def compare(
     runs, failures = [], []
     settings = step_sizes, tolerances
     listed = [(name, one) for name in problems for one in candidates(problems[name], *settings)]
-    for name, one in tqdm(listed, disable=None, leave=False):
-        method, setting, solve, tableau, exponentials = one
+    for name, (method, setting, solve, tableau, exponentials) in tqdm(listed, unit="runs"):
         problem = problems[name]
         counter = problem.equations.counting()
         try:
@@ -170,7 +169,7 @@ def norms(
     """Run methods with several step sizes: errors (n,) by the key of the norm and the method."""
     found = {}
     for method in methods:
-        runs = [problem.run(fixed(method, h)) for h in step_sizes]
+        runs = [problem.run(fixed(method, h)) for h in tqdm(step_sizes, unit="runs")]
         errors = [(t, problem.errors(t, y)) for t, y in runs]
         for key, (_, norm) in NORMS.items():
             found[key, method.name] = np.array([norm(*pair) for pair in errors])

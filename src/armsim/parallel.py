@@ -1,6 +1,9 @@
 """Evaluation of one function for many cases, on all processors or on a cluster."""
 
+import os
+import time
 import traceback
+from _thread import start_new_thread
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -27,7 +30,8 @@ def each(function: Callable, cases: Iterable[Any], progress: Progress = iter) ->
 
     Joblib starts one process per processor. A ``joblib.parallel_config`` block selects another
     backend: ``backend="dask"`` uses the cluster of a Dask client, ``backend="threading"`` uses
-    threads. The results do not depend on the backend.
+    threads. The results do not depend on the backend. Worker processes end soon after the process
+    that called, however it ended.
 
     Parameters
     ----------
@@ -50,8 +54,15 @@ def each(function: Callable, cases: Iterable[Any], progress: Progress = iter) ->
     [0, 1, 4, 9]
     """
     calls = (delayed(_attempt)(function, n, case) for n, case in enumerate(cases))
-    results = Parallel(n_jobs=-1, return_as="generator")(calls)
-    return list(progress(results))
+    watch = {"initializer": start_new_thread, "initargs": (_end_with, (os.getpid(),))}
+    return list(progress(Parallel(n_jobs=-1, return_as="generator", **watch)(calls)))
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended: a worker would wait for more work."""
+    while os.getppid() == parent:  # the new parent of an orphan need not be process 1
+        time.sleep(1.0)
+    os._exit(1)
 
 
 def _attempt(function: Callable[[Any], Any], n: int, case: Any) -> Any:

@@ -10,7 +10,9 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
+from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -18,11 +20,14 @@ import nbformat
 import papermill
 from nbclient.exceptions import DeadKernelError
 from papermill.exceptions import PapermillExecutionError
+from traitlets.config import Config
 
 from reportkit.record import RESULTS_VARIABLE
 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
+# A progress bar, in the format of `_bars`, and the blanks that take its place when it is done.
+_BAR = re.compile(r"\x1b\[K([^\r\n]*?)(?:\x1b\[(?:K|0m))+ *|\r *")
 
 
 class NotebookError(RuntimeError):
@@ -83,7 +88,7 @@ def executed(
             "PYTHONHASHSEED": "0",
             "OPENBLAS_NUM_THREADS": "1",  # the matrices are small, and another notebook may run
         }
-        with patch.dict(os.environ, variables):
+        with patch.dict(os.environ, variables | _bars(source.stem)):
             notebook = _run(source, dict(parameters), scratch)
         complaints = _tidy(notebook)
         nbformat.write(notebook, new / source.name)
@@ -120,7 +125,27 @@ def _scratch(parent: Path, stem: str) -> Iterator[Path]:
             folder = TemporaryDirectory("", f".{stem}-", parent, ignore_cleanup_errors=True)
             scratch = Path(stack.enter_context(folder))
             stack.enter_context(locked(scratch))
+        # If this process is killed, its pipe to the shell closes, and the kernel ends in a second.
+        shell = ["sh", "-c", 'exec > /dev/null 2>&1; read _; sleep 5; rm -rf "$0"', str(scratch)]
+        guard = stack.enter_context(Popen(shell, stdin=PIPE, start_new_session=True))
+        stack.callback(guard.kill)
         yield scratch
+
+
+def _bars(name: str) -> dict[str, str]:
+    """Settings of tqdm in a kernel: a bar on a terminal, and a line now and then elsewhere."""
+    form, pause = "{l_bar}{bar}{r_bar}", {"TQDM_MININTERVAL": "1"}
+    if not sys.stderr.isatty():
+        form = "{desc}: {n_fmt} of {total_fmt} {unit}, about {remaining} left"
+        pause = {"TQDM_MININTERVAL": "10", "TQDM_DELAY": "10"}
+    # An empty text is false.
+    return {"TQDM_DESC": name, "TQDM_LEAVE": "", "TQDM_BAR_FORMAT": f"\x1b[K{form}\x1b[K"} | pause
+
+
+def _show_bars(text: str) -> None:
+    """Show the progress bars in what a kernel has written to standard error."""
+    told = (m[0] if sys.stderr.isatty() else m[1] and f"{m[1]}\n" for m in _BAR.finditer(text))
+    print(*filter(None, told), sep="", end="", file=sys.stderr, flush=True)
 
 
 def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.NotebookNode:
@@ -138,7 +163,11 @@ def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.Not
             parameters,
             cwd=folder,  # no file of the user is imported instead of a module
             progress_bar={"leave": False} if sys.stderr.isatty() else False,
+            stderr_file=SimpleNamespace(write=_show_bars, flush=lambda: None),
+            coalesce_streams=True,  # however the kernel has divided them
             extra_arguments=["--log-level=CRITICAL"],  # of the kernel's own log
+            # not in /tmp, where it stays if this process is killed
+            config=Config(ConnectionFileMixin={"connection_file": str(folder / "kernel.json")}),
         )
     except PapermillExecutionError as error:
         raise NotebookError(_explain(source, error)) from None
@@ -156,7 +185,7 @@ def _explain(source: Path, error: PapermillExecutionError) -> str:
 
 def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
     """Remove times, random ids and messages; move alt texts to where MyST-NB reads them."""
-    complaints = []
+    complaints: list[str] = []
     notebook.metadata.pop("papermill", None)
     for number, cell in enumerate(notebook.cells):
         cell.id = f"cell-{number}"
@@ -164,7 +193,7 @@ def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
             cell.metadata.pop(name, None)
         for output in list(cell.get("outputs", ())):
             if output.get("name") == "stderr":
-                complaints.append(output.text.strip())
+                complaints += filter(None, [_BAR.sub("", output.text).strip()])
                 cell.outputs.remove(output)
             elif alt := output.get("metadata", {}).get("image/svg+xml", {}).get("alt"):
                 cell.metadata.setdefault("mystnb", {})["image"] = {"alt": alt}

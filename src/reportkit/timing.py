@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from joblib.externals.loky import get_reusable_executor
+from tqdm import tqdm
 
 Clock = Callable[[], float]
 
@@ -77,7 +78,6 @@ def measure(
     shortest: float = 1e-3,
     clocks: Mapping[str, Clock] = CLOCKS,
     warm_up: bool = True,
-    progress: Callable[[int], object] = lambda _: None,
     enough: Callable[[Timing], bool] = lambda _: False,
 ) -> Timing:
     """Measure the processor time of functions in turn, so that a drift of the machine affects all.
@@ -99,8 +99,6 @@ def measure(
         The first is taken unless another is more than twice as fine; then the finest.
     warm_up : bool
         False if the functions have been called already.
-    progress : callable, optional
-        Called with 1 after each measurement, as a progress bar's `update`.
     enough : callable, optional
         Asked after every tenth repetition, with what has been measured, whether to stop.
 
@@ -126,14 +124,13 @@ def measure(
     rows = []
     gc.freeze()  # existing objects are not searched in every collection
     try:
-        for n in range(repetitions):
+        for n in tqdm(range(repetitions), unit="rounds"):
             gc.collect()
             for place, name in enumerate(random.permutation(list(functions)).tolist()):
                 timer = timeit.Timer(functions[name], timer=clock)  # no garbage is collected in it
                 while (total := timer.timeit(counts[name])) < least:
                     counts[name] *= 2
                 rows.append([n, place, name, counts[name], total / counts[name]])
-                progress(1)
             if n % 10 == 9 and enough(_timing(rows, chosen, resolutions)):
                 break
     finally:

@@ -1,5 +1,6 @@
 """Tests of the execution of notebooks; each starts a kernel."""
 
+import io
 import json
 import os
 import signal
@@ -10,6 +11,7 @@ import time
 import nbformat
 import pytest
 
+from reportkit import execute as module
 from reportkit.execute import NotebookError, execute, main
 
 STUDY = """
@@ -37,6 +39,21 @@ def notebook(tmp_path):
         return path
 
     return write
+
+
+LOOP = """
+from tqdm import tqdm
+print("one")
+for n in tqdm(range(4), unit="cases"):
+    if n == 2:
+        print("careful", file=sys.stderr)
+print("two")
+"""
+
+
+class Screen(io.StringIO):
+    def isatty(self):
+        return True
 
 
 def contents(folder):
@@ -111,3 +128,24 @@ def test_interruption_leaves_nothing(notebook, tmp_path, number):
     assert process.returncode == 130
     assert "nothing published" in message
     assert contents(results) == {}
+
+
+def test_progress_is_told_as_it_goes_and_not_published(notebook, tmp_path, capsys, monkeypatch):
+    source = notebook(STUDY, LOOP)
+    folders = [tmp_path / name for name in ("log", "short", "screen")]
+    at_once = {"TQDM_MININTERVAL": "0", "TQDM_DELAY": "0"}
+    monkeypatch.setattr(module, "_bars", lambda name, bars=module._bars: bars(name) | at_once)
+    assert execute(source, folders[0]) == ["said", "careful"]
+    told = capsys.readouterr().err.splitlines()
+    assert told[0] == "50_trial: 0 of 4 cases, about ? left"
+    assert told[-1] == "50_trial: 4 of 4 cases, about 00:00 left"
+    monkeypatch.undo()
+    assert execute(source, folders[1]) == ["said", "careful"]  # done before the first word
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys, "stderr", Screen())
+    assert execute(source, folders[2]) == ["said", "careful"]
+    assert "\r\x1b[K50_trial:   0%|" in sys.stderr.getvalue()
+    assert "Executing:" in sys.stderr.getvalue()
+    log, short, screen = map(contents, folders)
+    assert log == short == screen
+    assert json.loads(log["50_trial.ipynb"])["cells"][2]["outputs"][0]["text"] == ["one\n", "two\n"]

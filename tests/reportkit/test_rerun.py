@@ -10,6 +10,7 @@ import sys
 import time
 from html.parser import HTMLParser
 
+import psutil
 import pytest
 
 from reportkit import rerun as module
@@ -135,7 +136,7 @@ def test_interruption_leaves_nothing(arguments, folder, number):
 
 
 def test_killed_run_is_cleared_away_and_a_living_one_is_not(arguments, folder):
-    """Of two runs at the same time one is killed; what it leaves goes with the next."""
+    """Of two runs one is killed with its guard; what it leaves goes with the next."""
     go, runs = folder / "go", folder / "runs"
     signs = [folder / "1", folder / "2"]
     wait = f"""
@@ -147,6 +148,8 @@ while not os.path.exists({str(go)!r}):
     killed, living = (start([*command, "-p", "size", sign.name]) for sign in signs)
     wait_for(signs[0], killed)
     wait_for(signs[1], living)
+    children = psutil.Process(killed.pid).children()
+    next(child for child in children if child.cmdline()[0] == "sh").kill()
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     assert len(list(runs.iterdir())) == 2

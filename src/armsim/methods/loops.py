@@ -223,4 +223,5 @@ def compiled_loop(
 ) -> Callable:
     """Compile the loop around a compiled `fun`; the code is cached on disk where possible."""
     source, names = loop_source(tableau, size, form, adaptive), _NAMES | {"fun": fun}
-    return machine_code.generated(source, names, fastmath={"contract"}, error_model="numpy")
+    options: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
+    return machine_code.generated(source, names, **options)
