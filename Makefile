@@ -1,8 +1,8 @@
 # The whole way from a fresh clone to the published report: `make help` lists the targets.
 
-# venv takes no colon in its path, and the first lines of the programs from pip none of the others.
-$(foreach c,: " $$ ` \,$(if $(findstring $c,$(CURDIR)),\
-  $(error The path of this folder contains $c, so Python cannot make an environment here: $(CURDIR))))
+# venv takes no colon, the first lines of pip's programs no quotes and dollars, Sphinx no wildcards.
+$(foreach c,: " $$ ` \ * ? [ ],$(if $(findstring $c,$(CURDIR)),\
+  $(error The path of this folder contains $c, which venv, pip or Sphinx cannot take: $(CURDIR))))
 
 PYTHON ?= python3
 VENV := .venv

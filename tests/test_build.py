@@ -176,19 +176,19 @@ def test_file_with_a_name_that_make_cannot_take_is_no_input(tree, name):
     assert tree.last.returncode == 0
 
 
-@pytest.mark.parametrize("name", ["it's", "50% #1", "[a]{b}*?", "a;b&c|d<e>(f)~!=", "Füße"])
+@pytest.mark.parametrize("name", ["it's", "50% #1", "{a}", "a;b&c|d<e>(f)~!=", "Füße"])
 def test_odd_folder_is_a_folder(tmp_path, name):
     tree = Tree(tmp_path / name)
     assert tree.make("book") == ALL, tree.last.stderr
     assert tree.last.stdout.endswith(f"The report: {tree.root}/_build/html/index.html\n")
 
 
-@pytest.mark.parametrize("character", ':"$`\\')
+@pytest.mark.parametrize("character", ':"$`\\*?[]')
 def test_folder_that_no_environment_takes_is_refused_at_once(tmp_path, character):
     tree = Tree(tmp_path / f"a{character}b")
     assert tree.make("book") == []
     assert tree.last.returncode == 2
-    assert f"contains {character}, so Python" in tree.last.stderr
+    assert f"contains {character}, which venv" in tree.last.stderr
 
 
 def test_moved_folder_installs_the_package_again_and_executes_nothing(tree):

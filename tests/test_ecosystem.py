@@ -117,11 +117,11 @@ def test_texts_are_short(results):
         assert len(repr(held)) < (1000 if name in ("errata", "events") else 600), name
     texts = [repr(runs[name]) for name in ("solution", "record", "bootstrap")]
     assert texts == [
-        "<Solution from t = 0 to 1: 2 states at 1001 times, 7000 evaluations>",
+        "<Solution: 2 states, 1001 times to t = 1>",
         "<Measurement of 651 samples from t = 0 to 1.3>",
         "<Bootstrap of 1000 refits>",
     ]
-    assert repr(runs["fit"]).startswith("<Fit of V_L = 2.69801 ± ")
+    assert repr(runs["fit"]).startswith("<Fit: V_L = 2.69801>")
     assert repr(values["long track"]) == "<Track of 1000 points, 0.08 s apart>"
     exact = "<ExactSolution from t = 0 to 0.1: 7 states, 6 pieces, 5 events>"
     assert repr(runs["exact run"]) == f"Trajectory(solution={exact}, t_end=0.1)"

@@ -125,8 +125,8 @@ class Fit:
     converged: bool  #: whether the best start met a tolerance within its evaluation limit
 
     def __repr__(self) -> str:
-        found = zip(self.names, self.values, self.standard_errors, strict=True)
-        return f"<Fit of {', '.join(f'{n} = {value:.6g} ± {e:.1g}' for n, value, e in found)}>"
+        values = zip(self.names, self.values, strict=True)
+        return f"<Fit: {', '.join(f'{name} = {value:.6g}' for name, value in values)}>"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -99,8 +99,7 @@ class LinearAxis:
         poles = np.roots(denominator)
         gaps = np.abs(poles - np.roll(poles, 1))  # of three poles, these are all pairs
         if gaps.min() < 1e-7 * np.abs(poles).max():
-            reason = "nearly coincide, so the partial fractions are ill-conditioned"
-            raise ValueError(f"poles {poles} {reason}; change T_p a little")
+            raise ValueError(f"poles {poles} nearly coincide: ill-conditioned; change T_p a little")
         slope = np.polyder(denominator)
         residues = set_velocity * np.polyval(numerator, poles) / (poles * np.polyval(slope, poles))
         final = set_velocity * numerator[-1] / denominator[-1]

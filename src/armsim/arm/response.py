@@ -26,9 +26,9 @@ SETTLED = 0.02
 BUZZING = 200
 
 
-def _curve(t: object, signal: object) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values as two rows of the same length, or a ValueError."""
-    curve = reals("t", t), reals("signal", signal)
+def _curve(t: object, signal: object, level: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and values above a level, as two rows of the same length; or a ValueError."""
+    curve = reals("t", t), reals("signal", signal) - level
     first, second = (part.shape for part in curve)
     if first != second or len(first) != 1 or first == (0,):
         raise ValueError(f"t, signal have shapes {first}, {second}; two rows (n,) are needed")
@@ -50,8 +50,8 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
     float
         ``t[0]`` if the signal never leaves the band, NaN if it is outside at the end or is NaN.
     """
-    t, signal = _curve(t, signal)
-    excess = np.abs(signal - final) - band
+    t, away = _curve(t, signal, final)
+    excess = np.abs(away) - band
     outside = np.flatnonzero(~(excess <= 0))  # a NaN is not inside
     if outside.size == 0:
         return float(t[0])
@@ -77,8 +77,7 @@ def arrival_time(t: np.ndarray, signal: np.ndarray, level: float) -> float:
     float
         ``t[0]`` if the signal starts at the level, NaN if it never reaches it.
     """
-    t, signal = _curve(t, signal)
-    left = signal - level
+    t, left = _curve(t, signal, level)
     reached = np.flatnonzero(left * np.sign(left[0]) <= 0)
     if reached.size == 0:
         return nan

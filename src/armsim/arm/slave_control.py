@@ -20,7 +20,6 @@ from numba import njit
 from armsim.checks import checked_count, checked_number, checked_type, reals
 from armsim.choices import CHOICES
 
-_MAY_BE_ZERO = ("K_p", "K_I", "K_v", "delay", "counts")
 _MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
 
 #: Constants of a unit for compiled code; `angle` is in rad per count, 0 for an ideal encoder.
@@ -173,8 +172,8 @@ class SlaveControl:
     def __post_init__(self) -> None:
         checked_type("track", self.track, Track)
         for name, value in [*vars(self).items()][1:]:
-            number = checked_number(name, value, above=0.0, zero=name in _MAY_BE_ZERO)
             count = name in ("delay", "counts")
+            number = checked_number(name, value, above=0.0, zero=count or name.startswith("K_"))
             object.__setattr__(self, name, checked_count(name, value, 0) if count else number)
 
     @property

@@ -23,8 +23,6 @@ Form = Literal["additive", "exponential", "exponential product", "as printed"]
 MAX_STORED = 2**29
 #: Largest state that is unrolled into scalars; longer code would compile slowly.
 _UNROLLED = 16
-#: Smallest `rtol`: a hundred roundings, as in SciPy. Below, rounding errors would choose the step.
-LEAST_RTOL = 100 * 2.0**-52
 #: Largest number of accepted steps in one call of an adaptive loop.
 _CHUNK = 256
 
@@ -40,8 +38,7 @@ class Solution:
     _interpolate: Callable[[np.ndarray], np.ndarray] | None = None
 
     def __repr__(self) -> str:
-        size = f"{len(self.y)} states at {self.t.size} times, {self.nfev} evaluations"
-        return f"<Solution from t = {self.t[0]:g} to {self.t[-1]:g}: {size}>"
+        return f"<Solution: {len(self.y)} states, {self.t.size} times to t = {self.t[-1]:g}>"
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
         """State (m,) at a time, or (m, k) at k times, from the continuous extension.
@@ -108,7 +105,7 @@ def integrate(
     rtol, atol : float
         Tolerances of the error control. A step is accepted if the root mean square over the
         components of ``error / (atol + rtol |y|)`` is at most 1. `rtol` is at least
-        `LEAST_RTOL`; `atol` may be an (m,) array.
+        2.22e-14, a hundred roundings as in SciPy; `atol` may be an (m,) array.
     max_steps : int
         Largest number of accepted steps under error control. Each is stored with its stages.
 
@@ -342,8 +339,8 @@ def _checked_tolerances(tableau: Tableau, y0: np.ndarray, rtol: float, atol: Any
     """Return `rtol` and `atol` (m,), for a tableau that has an error estimate."""
     if tableau.b_embedded is None:
         raise ValueError(f"step_size is missing, and {tableau.name} has no embedded weights for it")
-    if checks.checked_number("rtol", rtol) < LEAST_RTOL:
-        raise ValueError(f"rtol = {rtol!r} is not allowed; it must be at least {LEAST_RTOL:.3g}")
+    if checks.checked_number("rtol", rtol) < 100 * 2.0**-52:  # rounding would choose the step
+        raise ValueError(f"rtol = {rtol!r} is not allowed; it must be at least 2.22e-14")
     scale = _per_component("atol", atol, y0.size)
     if ((scale < 0) | (scale + np.abs(y0) == 0)).any():
         raise ValueError(f"atol = {atol!r}: it must not be negative, and not 0 where y0 is 0")
