@@ -135,12 +135,10 @@ def test_tableaux_are_equal_by_their_coefficients():
     assert tableaux.DP4 != tableaux.DP5
 
 
-def test_solver_classes_and_errors_can_be_pickled():
+def test_dense_output_and_errors_can_be_pickled():
     solver = fixed_step_solver(tableaux.RK6, 0.1, "exponential", shift=[1.0])
-    other = pickle.loads(pickle.dumps(solver))
-    runs = [solve_ivp(decay, (0, 1), [1.0], method=m, dense_output=True) for m in (solver, other)]
-    assert np.array_equal(runs[0].y, runs[1].y)
-    assert np.array_equal(pickle.loads(pickle.dumps(runs[0].sol))(0.3), runs[1].sol(0.3))
+    run = solve_ivp(decay, (0, 1), [1.0], method=solver, dense_output=True)
+    assert np.array_equal(pickle.loads(pickle.dumps(run)).sol(0.3), run.sol(0.3))
     failure = CaseError("case 3: no")
     failure.case = 3
     assert pickle.loads(pickle.dumps(failure)).case == 3

@@ -216,8 +216,7 @@ class RamanAmplifier:
         return run.nfev, np.exp(run.y[:, -1])
 
     def _solved(self, function: Callable, start: np.ndarray, method: str, **options: Any) -> Any:
-        span = 0.0, self.length
-        return solve_ivp(function, span, start, method, args=self.args, **options)
+        return solve_ivp(function, (0.0, self.length), start, method, args=self.args, **options)
 
     def steps_for(self, target: float, method: Tableau, form: Form) -> float:
         """Fewest steps for which the relative error is at most `target`; see `fewest`."""

@@ -22,6 +22,7 @@ RESULTS_VARIABLE = "REPORT_RESULTS"
 
 Data: TypeAlias = Mapping[str, Any] | pd.DataFrame
 
+_STUDY = re.compile(r"\d\d_[a-z0-9_]+")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _NUMBER = re.compile(r"\$?[-+−]?[\d.]")
 
@@ -46,7 +47,7 @@ class Study:
     """
 
     def __init__(self, name: str) -> None:
-        if not text.STUDY.fullmatch(name):
+        if not _STUDY.fullmatch(name):
             raise ValueError(f"study name {name!r}: expected NN_topic, like 20_step_response")
         figures.use()
         self.name = name

@@ -1,19 +1,18 @@
 """Files and texts as a report writes them: whole files, numbers and tables."""
 
 import json
-import re
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-STUDY = re.compile("[0-9]{2}_[a-z0-9_]+")  #: name of a study, NN_topic
 Row: TypeAlias = Sequence[Any]  #: cells of a table
 
 
 def studies(folder: Path, ending: str) -> list[Path]:
     """List the files of a folder that are named like a study; a copy, "10_model (1)", is not."""
-    return [path for path in sorted(folder.glob(f"*{ending}")) if STUDY.fullmatch(path.stem)]
+    paths = sorted(folder.glob(f"[0-9][0-9]_*{ending}"))
+    return [path for path in paths if path.stem.replace("_", "").isalnum()]
 
 
 def write(path: Path, text: str) -> None:

@@ -284,9 +284,7 @@ def _interpolant(tableau: Tableau) -> np.ndarray:
     return np.array(tableau.interpolant, dtype=float)
 
 
-def _extended(
-    tableau: Tableau, shift: Any, form: str, t: Any, y: Any, slopes: Any, times: Any
-) -> np.ndarray:
+def _extended(tableau: Any, shift: Any, form: str, t: Any, y: Any, slopes: Any, times: Any) -> Any:
     """Continuous extension y(t + θh): the left end of a step moved along Σ b_i(θ) k_i."""
     if t.size == 1:  # a run of no length
         return np.repeat(y, times.size, axis=1)
@@ -366,8 +364,7 @@ def raise_if_lost(problem: Problem, t: np.ndarray, y: np.ndarray, first: int = 0
 def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
     slope = np.asarray(value, dtype=y.dtype)
     if slope.shape != y.shape:
-        returned = f"the right-hand side returned an array of shape {slope.shape}"
-        raise ValueError(f"{returned}; the state has {y.size} components")
+        raise ValueError(f"fun returned shape {slope.shape}; the state has {y.size} components")
     return slope
 
 

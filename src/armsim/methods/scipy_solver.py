@@ -1,6 +1,5 @@
 """Fixed-step solvers for `scipy.integrate.solve_ivp`, made from a tableau."""
 
-import copyreg
 import math
 import warnings
 from collections.abc import Callable
@@ -26,15 +25,6 @@ class _Hermite(DenseOutput):
         h = self.t - self.t_old
         ends = self._ends if t.ndim == 0 else self._ends[:, :, None]
         return runge_kutta.hermite((t - self.t_old) / h, h, *ends)
-
-
-class _Made(type):
-    """Type of the solver classes; such a class is pickled as what it was made of."""
-
-    made_of: tuple
-
-
-copyreg.pickle(_Made, lambda made: (fixed_step_solver, made.made_of))  # type: ignore[arg-type,return-value]
 
 
 def fixed_step_solver(
@@ -68,10 +58,9 @@ def fixed_step_solver(
     step_size = checked_number("step_size", step_size, above=0.0)
     checked_type("tableau", tableau, Tableau, "tableaux.RK6")
 
-    class FixedStep(OdeSolver, metaclass=_Made):
+    class FixedStep(OdeSolver):
         """Fixed-step solver for one tableau, with cubic Hermite dense output."""
 
-        made_of = tableau, step_size, form, shift
         t: float
         y: np.ndarray
 

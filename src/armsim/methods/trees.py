@@ -143,8 +143,7 @@ def residuals(tableau: Tableau, order: int) -> list[Condition]:
     TypeError, ValueError
         If `order` is not a positive integer.
     """
-    rooted_trees(order)  # raises for an invalid order
-    return list(_conditions(tableau, range(1, order + 1)))
+    return list(_conditions(tableau, range(1, checked_count("order", order) + 1)))
 
 
 def order(tableau: Tableau) -> int:
