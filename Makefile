@@ -1,5 +1,9 @@
 # The whole way from a fresh clone to the published report: `make help` lists the targets.
 
+# venv takes no colon, the first lines of pip's programs no quotes and dollars, Sphinx no wildcards.
+$(foreach c,: " $$ ` \ * ? [ ],$(if $(findstring $c,$(CURDIR)),\
+  $(error The path of this folder contains $c, which venv, pip or Sphinx cannot take: $(CURDIR))))
+
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -8,23 +12,28 @@ LOCKED := $(VENV)/.locked
 INSTALLED := $(VENV)/.installed
 BUILT := _build/.built
 
-NOTEBOOKS := $(wildcard notebooks/*.ipynb)
+# Left out: copies such as "10_model-Copy1.ipynb", and names that make would take apart.
+STUDIES = $(shell ls $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
+NOTEBOOKS := $(addprefix notebooks/,$(call STUDIES,notebooks))
 RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
-STALE := $(filter-out $(RESULTS),$(wildcard book/results/*.ipynb))
+STALE := $(filter-out $(RESULTS),$(addprefix book/results/,$(call STUDIES,book/results)))
+PLAIN := ! -path '*[!-+./0-9A-Z_a-z]*'
 # What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
 INPUTS := $(shell find src data $(wildcard examples) \( -name __pycache__ -o -name '.*' -o -path data/expected \
-            -o -name claims.toml -o -name second_opinions.toml \) -prune -o -type f -print)
-PAGES := $(shell find book -name results -prune -o -type f ! -name '.*' -print) $(wildcard *.md) \
+            -o -name claims.toml -o -name second_opinions.toml \) -prune -o -type f $(PLAIN) -print)
+PAGES := $(shell find book *.md -name results -prune -o -type f ! -name '.*' $(PLAIN) -print) \
          _config.yml _toc.yml
 
 # The tests, on all processors.
 PYTEST := $(BIN)/python -m pytest -n auto --dist=worksteal
+JUPYTER_BOOK := $(BIN)/python -c 'from jupyter_book.cli.main import main; main()'
 
 SHELL := /bin/bash
-unexport PYTHONPATH PYTHONHOME
+# What the user has set for other programs must not change a result.
+unexport $(filter-out PYTHON NUMBA_CACHE_DIR,$(filter PYTHON% NUMBA_% MPL% MATPLOTLIBRC BASH_ENV,$(.VARIABLES)))
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help install book pdf check style test fuzz coverage clean distclean forget
+.PHONY: help install book pdf check style test fuzz coverage clean distclean forget moved
 .DELETE_ON_ERROR:
 
 help:
@@ -41,7 +50,7 @@ help:
 	@echo 'PYTHON=python3.12 make book  takes another Python than python3 (3.11 to 3.13)'
 
 book: $(BUILT)
-	@echo 'The report: $(CURDIR)/_build/html/index.html'
+	@echo "The report: $$PWD/_build/html/index.html"
 
 $(LOCKED): environment.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
@@ -58,15 +67,21 @@ $(LOCKED): environment.txt
 	       /^Installing/ { print "  installing " n " packages"; fflush() }'
 	@touch $@
 
-# The package itself. A change of pyproject.toml that matters to results changes the lock too.
-$(INSTALLED): pyproject.toml $(LOCKED)
+# The package itself. A change of pyproject.toml that matters to results changes the lock too. The
+# stamp holds the path of this folder, because .venv/bin does. So rules start programs as modules.
+MOVED := $(shell [ ! -e $(INSTALLED) ] || grep -qxF "$$(pwd -P)" $(INSTALLED) || echo moved)
+$(INSTALLED): pyproject.toml $(LOCKED) $(MOVED)
+	@$(if $(MOVED),echo 'The folder has a new path: renewing "armsim"; "make distclean install" renews all programs')
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	@touch $@
-
+	@pwd -P > $@
 install: $(INSTALLED)
 
+# A rule notes what it makes beside its target. If one of these files is missing, it runs again.
+NOTE = @find $(@D) -name '$(1)[-.]*' ! -path $@ | sed 'h;s|^|$@: |p;g;s|$$|:|' > $(@D)/.$(1).d; touch $@
+-include $(wildcard book/results/.*.d)
 book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m reportkit.execute $< $(@D)
+	$(call NOTE,$*)
 
 # Two at a time; the notebooks that compare times wait, and then run one after another.
 MAKEFLAGS += --jobs=2
@@ -76,30 +91,31 @@ UNTIMED := $(filter-out $(TIMED),$(RESULTS))
 $(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
 
 # What the pages show of all results together: the verdicts; the modules, versions and data.
-CRITERIA := data/paper/claims.toml data/second_opinions.toml
 SUMMARIES := $(addprefix book/results/,verdicts.md appendix-architecture.svg)
-$(SUMMARIES): $(RESULTS) $(INPUTS) $(CRITERIA) $(LOCKED) $(if $(STALE),forget)
+$(SUMMARIES): $(RESULTS) $(INPUTS) $(LOCKED) data/paper/claims.toml data/second_opinions.toml $(if $(STALE),forget)
 book/results/verdicts.md:
 	@$(BIN)/python -m reportkit.claims $(@D)
+	$(call NOTE,verdicts)
 book/results/appendix-architecture.svg:
 	@$(BIN)/python -m armbook.architecture $(@D)
+	$(call NOTE,appendix)
 
 # From scratch each time: an incremental build would leave old numbers on pages that quote them.
 $(BUILT): $(PAGES) $(RESULTS) $(SUMMARIES) $(LOCKED) $(if $(STALE),forget) | $(INSTALLED)
 	@echo 'Building the HTML'
 	@rm -rf $@ _build/html _build/.doctrees
-	@$(BIN)/jupyter-book build . -W --keep-going -n -q > /dev/null
+	@$(JUPYTER_BOOK) build . -W --keep-going -n -q > /dev/null
 	@touch $@
 
 # The book as one page, printed. Its pages have just been read for the HTML.
 PDF := _build/armsim.pdf
 pdf: $(PDF)
-	@echo 'The PDF: $(abspath $(PDF))'
+	@echo "The PDF: $$PWD/$(PDF)"
 
 $(PDF): $(BUILT)
 	@echo 'Building the PDF'
 	@rm -rf _build/singlehtml
-	@$(BIN)/jupyter-book build . --builder singlehtml -W --keep-going -n -q > /dev/null
+	@$(JUPYTER_BOOK) build . --builder singlehtml -W --keep-going -n -q > /dev/null
 	@$(BIN)/python -m reportkit.pdf _build/singlehtml/index.html $@
 
 # The results of a notebook that is no more must not be published.
@@ -109,15 +125,15 @@ forget:
 
 check: style book
 	@echo 'Comparing what was built with what is expected'
-	@$(BIN)/armsim check
+	@$(BIN)/python -m armbook.cli check
 	@echo 'Running the tests'
 	@$(PYTEST)
 
 style: $(INSTALLED)
 	@echo 'Checking style and types'
-	@$(BIN)/ruff check .
-	@$(BIN)/ruff format --check .
-	@$(BIN)/mypy
+	@$(BIN)/python -m ruff check .
+	@$(BIN)/python -m ruff format --check .
+	@$(BIN)/python -m mypy
 
 test: clean
 	@$(MAKE) --no-print-directory check

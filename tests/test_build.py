@@ -1,6 +1,7 @@
 """The Makefile's rules, with stand-ins for the slow programs, in a folder with a space."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -15,18 +16,16 @@ SOURCES = """
     notebooks/10_one.ipynb notebooks/20_two.ipynb
 """
 PYTHON = """#!/bin/sh
-[ "$2" = pip ] && exit
-[ "$2" = reportkit.claims ] && echo verdicts >> log && touch "$3/verdicts.md" && exit
-[ "$2" = armbook.architecture ] && touch "$3/appendix-architecture.svg" && exit
+env > environment
+[ "$2" = pip ] && echo pip >> log && exit
+[ "$2" = reportkit.claims ] && echo verdicts >> log && touch "$3"/verdicts{.csv,.md} && exit
+[ "$2" = armbook.architecture ] && touch "$3"/appendix-{modules.md,architecture.svg} && exit
+case $2 in *jupyter_book*) echo html >> log; mkdir -p _build/html; exit;; esac
 echo "$3" >> log
 grep -q fail "$3" && exit 1
-mkdir -p "$4" && cp "$3" "$4"
-"""
-JUPYTER_BOOK = """#!/bin/sh
-echo html >> log
-ls book/results/*.ipynb > shown
-mkdir -p _build/html
-"""
+name="$4/$(basename "$3" .ipynb)"
+mkdir -p "$4" && touch "$name.json" "$name-a.svg" && cp "$3" "$4" && touch "$name-seconds.txt"
+""".replace("/bin/sh", "/bin/bash")
 
 
 class Tree:
@@ -37,10 +36,9 @@ class Tree:
         for name in SOURCES.split():
             self.write(name)
         shutil.copy(ROOT / "Makefile", root)
-        for name, script in (("python", PYTHON), ("jupyter-book", JUPYTER_BOOK)):
-            self.write(f".venv/bin/{name}", script).chmod(0o755)
+        self.write(".venv/bin/python", PYTHON).chmod(0o755)
         self.write(".venv/.locked")
-        self.write(".venv/.installed")
+        self.write(".venv/.installed", f"{root.resolve()}\n")
 
     def write(self, name: str, text: str = "") -> Path:
         path = self.root / name
@@ -101,8 +99,8 @@ def test_nothing_changed_does_nothing(tree):
         ("book/page.md", ["html"]),
         ("book/_static/a.css", ["html"]),
         ("_toc.yml", ["html"]),
-        ("pyproject.toml", []),
-        (".venv/.locked", ALL),
+        ("pyproject.toml", ["pip"]),
+        (".venv/.locked", sorted([*ALL, "pip"])),
     ],
 )
 def test_change_does_what_depends_on_it(tree, name, expected):
@@ -128,8 +126,91 @@ def test_results_of_a_removed_notebook_go(tree):
     (tree.root / "notebooks/20_two.ipynb").unlink()
     assert tree.make_now("book") == ["html", "verdicts"]
     left = {path.name for path in (tree.root / "book/results").iterdir()}
-    assert left == {"10_one.ipynb", "verdicts.md", "appendix-architecture.svg"}
+    assert not [name for name in left if name.startswith("20_two")]
     assert tree.make("book") == []
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("20_two.ipynb", ["html", "notebooks/20_two.ipynb", "verdicts"]),
+        ("20_two.json", ["html", "notebooks/20_two.ipynb", "verdicts"]),
+        ("20_two-a.svg", ["html", "notebooks/20_two.ipynb", "verdicts"]),
+        ("verdicts.md", ["html", "verdicts"]),
+        ("verdicts.csv", ["html", "verdicts"]),
+        ("appendix-architecture.svg", ["html"]),
+        ("appendix-modules.md", ["html"]),
+    ],
+)
+def test_result_deleted_by_hand_is_made_again(tree, name, expected):
+    (tree.root / "book/results" / name).unlink()
+    assert tree.make("book") == expected
+    assert (tree.root / "book/results" / name).exists()
+    assert tree.make("book") == []
+
+
+def test_file_that_a_changed_notebook_makes_no_more_is_not_missed(tree):
+    tree.write("book/results/20_two-old.svg")
+    tree.write("notebooks/20_two.ipynb", "changed")
+    tree.make_now("book")
+    (tree.root / "book/results/20_two-old.svg").unlink()
+    tree.write("notebooks/20_two.ipynb", "changed again")
+    tree.make_now("book")
+    assert tree.make("book") == []
+
+
+@pytest.mark.parametrize("folder", ["notebooks", "book/results"])
+def test_copies_of_notebooks_are_no_part_of_the_book(tree, folder):
+    for name in ("10_one (copy)", "10_one copy", "10_one-Copy1", "Untitled"):
+        tree.write(f"{folder}/{name}.ipynb")
+    assert tree.make("book") == [], tree.last.stderr
+    assert (tree.root / "book/results/10_one-a.svg").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["my notes.md", "data/my run (2).csv", "src/a b/c.py", "book/50% #1.md"]
+)
+def test_file_with_a_name_that_make_cannot_take_is_no_input(tree, name):
+    tree.write(name)
+    assert tree.make("book") == [], tree.last.stderr
+    assert tree.last.returncode == 0
+
+
+@pytest.mark.parametrize("name", ["it's", "50% #1", "{a}", "a;b&c|d<e>(f)~!=", "Füße"])
+def test_odd_folder_is_a_folder(tmp_path, name):
+    tree = Tree(tmp_path / name)
+    assert tree.make("book") == ALL, tree.last.stderr
+    assert tree.last.stdout.endswith(f"The report: {tree.root}/_build/html/index.html\n")
+
+
+@pytest.mark.parametrize("character", ':"$`\\*?[]')
+def test_folder_that_no_environment_takes_is_refused_at_once(tmp_path, character):
+    tree = Tree(tmp_path / f"a{character}b")
+    assert tree.make("book") == []
+    assert tree.last.returncode == 2
+    assert f"contains {character}, which venv" in tree.last.stderr
+
+
+def test_moved_folder_installs_the_package_again_and_executes_nothing(tree):
+    tree.root = tree.root.rename(tree.root.with_name("another book"))
+    assert tree.make("book") == ["pip"]
+    assert 'has a new path: renewing "armsim"' in tree.last.stdout
+    assert tree.make("book") == []
+
+
+def test_settings_of_the_user_for_other_programs_are_ignored(tree, monkeypatch):
+    ignored = {
+        "PYTHONPATH", "PYTHONHOME", "PYTHONOPTIMIZE", "PYTHONWARNINGS", "PYTHONSTARTUP",
+        "PYTHONINSPECT", "PYTHONUTF8", "PYTHONDONTWRITEBYTECODE", "NUMBA_DISABLE_JIT",
+        "NUMBA_CPU_NAME", "MPLBACKEND", "MPLCONFIGDIR", "MATPLOTLIBRC", "BASH_ENV",
+    }  # fmt: skip
+    for name in (*ignored, "NUMBA_CACHE_DIR"):
+        monkeypatch.setenv(name, "/nowhere")
+    tree.touch("index.md")
+    assert tree.make_now("book") == ["html"]
+    environment = dict(re.findall("(.*?)=(.*)", (tree.root / "environment").read_text()))
+    assert environment.keys() & ignored == set()
+    assert environment["NUMBA_CACHE_DIR"] == "/nowhere"
 
 
 def test_interrupted_installation_does_not_count(tree):
@@ -174,6 +255,6 @@ def test_clean_removes_what_was_built_and_nothing_else(tree):
     tree.write("runs/20_two/20_two.json")
     tree.make_now("clean")
     left = {str(path.relative_to(tree.root)) for path in tree.root.rglob("*") if path.is_file()}
-    built = {"Makefile", "shown"}
+    built = {"Makefile", "environment"}
     left = {name for name in left if not name.startswith(".venv")}
     assert left - built == {*SOURCES.split(), "runs/20_two/20_two.json"}

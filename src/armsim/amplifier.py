@@ -15,7 +15,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
@@ -110,20 +110,20 @@ class RamanAmplifier:
         if (pumps := len(self.pump_wavelengths)) != (powers := len(self.pump_powers)):
             found = f"{pumps} pump_wavelengths and {powers} pump_powers"
             raise ValueError(f"{found}: one power is needed for each pump")
-        checked_count("channels", self.channels)
+        object.__setattr__(self, "channels", checked_count("channels", self.channels))
         for name in ("channel_power", "length", "effective_area", "peak_gain"):
-            checked_number(name, getattr(self, name), above=0.0)
+            object.__setattr__(self, name, checked_number(name, getattr(self, name), above=0.0))
 
     @cached_property
     def frequency(self) -> np.ndarray:
         """Frequency of each wave in Hz, pumps first."""
         signals = np.linspace(c / self.band[0], c / self.band[1], self.channels)
-        return np.concatenate([c / np.array(self.pump_wavelengths), signals])
+        return np.concatenate([c / np.array(self.pump_wavelengths, float), signals])
 
     @cached_property
     def input_power(self) -> np.ndarray:
         """Input power of each wave in W."""
-        return np.array([*self.pump_powers, *[self.channel_power] * self.channels])
+        return np.array([*self.pump_powers, *[self.channel_power] * self.channels], float)
 
     @cached_property
     def loss(self) -> np.ndarray:
@@ -158,7 +158,7 @@ class RamanAmplifier:
         """Powers in W as a function of the position in m, to 12 digits: DOP853 for ln P."""
         how = {"rtol": 1e-13, "atol": 1e-14, "dense_output": True}
         run = self._solved(log_rhs, np.log(self.input_power), "DOP853", **how)
-        return lambda z: np.exp(run.sol(z))
+        return partial(_powers, run.sol)
 
     @cached_property
     def output_power(self) -> np.ndarray:
@@ -216,8 +216,7 @@ class RamanAmplifier:
         return run.nfev, np.exp(run.y[:, -1])
 
     def _solved(self, function: Callable, start: np.ndarray, method: str, **options: Any) -> Any:
-        span = 0.0, self.length
-        return solve_ivp(function, span, start, method, args=self.args, **options)
+        return solve_ivp(function, (0.0, self.length), start, method, args=self.args, **options)
 
     def steps_for(self, target: float, method: Tableau, form: Form) -> float:
         """Fewest steps for which the relative error is at most `target`; see `fewest`."""
@@ -230,6 +229,10 @@ class RamanAmplifier:
     def positive_steps(self, method: Tableau, form: Form) -> float:
         """Fewest steps for which all powers stay positive; see `fewest`."""
         return fewest(lambda n: bool((self.run(method, form, n) > 0).all()), 2**12)
+
+
+def _powers(logarithms: Callable, z: np.ndarray | float) -> np.ndarray:
+    return np.exp(logarithms(z))
 
 
 def fewest(succeeds: Callable[[int], bool], most: int) -> float:

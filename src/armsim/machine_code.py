@@ -41,6 +41,9 @@ _KNOWN = _PLAIN | types.Type | types.ExternalFunction
 #: Types of arguments whose texts tell all about them.
 _SIMPLE = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.Omitted, types.NoneType)
 
+# Switched off by NUMBA_DISABLE_JIT, numba could not compile what works as machine code only.
+config.DISABLE_JIT = 0
+
 
 class _Unknown(Exception):
     """What a function is made of cannot be known."""

@@ -132,7 +132,7 @@ def load(path: Path) -> dict[str, Any]:
 
 def load_all(folder: Path) -> dict[str, dict[str, Any]]:
     """Read the records of every study in a folder, by study."""
-    return {path.stem: load(path) for path in sorted(folder.glob("[0-9][0-9]_*.json"))}
+    return {path.stem: load(path) for path in text.studies(folder, ".json")}
 
 
 def _rule(record: Record) -> tuple[Any, ...]:

@@ -24,6 +24,8 @@ from traitlets.config import Config
 
 from reportkit.record import RESULTS_VARIABLE
 
+#: Settings of the user that could change a result, or keep a kernel from starting.
+_HARMFUL = re.compile("PYTHON(?!PATH$|HOME$)|NUMBA_(?!CACHE_DIR$)|MPLBACKEND$")
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
 # A progress bar, in the format of `_bars`, and the blanks that take its place when it is done.
@@ -88,7 +90,8 @@ def executed(
             "PYTHONHASHSEED": "0",
             "OPENBLAS_NUM_THREADS": "1",  # the matrices are small, and another notebook may run
         }
-        with patch.dict(os.environ, variables | _bars(source.stem)):
+        others = {name: os.environ[name] for name in os.environ if not _HARMFUL.match(name)}
+        with patch.dict(os.environ, others | variables | _bars(source.stem), clear=True):
             notebook = _run(source, dict(parameters), scratch)
         complaints = _tidy(notebook)
         nbformat.write(notebook, new / source.name)

@@ -34,6 +34,7 @@ WIDTH = STYLE["figure.figsize"][0]
 
 def use() -> None:
     """Set the style; in a notebook also show figures as SVG, without a date, at full size."""
+    mpl.rcdefaults()  # not what the user prefers in other figures
     mpl.rcParams.update(STYLE)
     if get_ipython() is not None:
         set_matplotlib_formats("svg", bbox_inches=None, metadata={"Date": None})

@@ -29,6 +29,8 @@ from pathlib import Path
 from tokenize import COMMENT, generate_tokens
 from typing import Any
 
+from reportkit.text import studies
+
 _SYMBOLS = set("1 % s ms µs V A m mm µm km kg N J W mW Hz rad Ω H".split())
 _LIST = re.compile(r"(?:(?P<count>\d+)(?P<more> or more)? values, )?each (?P<range>.+)")
 _BOOLS = {"true": True, "yes": True, "false": False, "no": False}
@@ -240,8 +242,7 @@ def sources(folder: Path) -> list[Path]:
     ParameterError
         If there is none.
     """
-    paths = sorted(folder.glob("[0-9][0-9]_*.ipynb"))
-    if not paths:
+    if not (paths := studies(folder, ".ipynb")):
         raise ParameterError(f"no notebooks in {folder}: they come with the repository, not with "
                              "the installed package; --notebooks says where they are")  # fmt: skip
     return paths

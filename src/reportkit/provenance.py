@@ -47,7 +47,7 @@ def _commit(root: Path) -> str:
 
 def run_times(results: Path) -> Iterator[tuple[str, str]]:
     """List the executed notebooks, as links, each with the seconds that it took."""
-    for path in sorted(results.glob("[0-9][0-9]_*.ipynb")):
+    for path in text.studies(results, ".ipynb"):
         seconds = results / f"{path.stem}-seconds.txt"
         told = seconds.read_text().strip() if seconds.exists() else "–"
         yield f"{{doc}}`{path.stem} <{results.name}/{path.stem}>`", told

@@ -9,6 +9,12 @@ from typing import Any, TypeAlias
 Row: TypeAlias = Sequence[Any]  #: cells of a table
 
 
+def studies(folder: Path, ending: str) -> list[Path]:
+    """List the files of a folder that are named like a study; a copy, "10_model (1)", is not."""
+    paths = sorted(folder.glob(f"[0-9][0-9]_*{ending}"))
+    return [path for path in paths if path.stem.replace("_", "").isalnum()]
+
+
 def write(path: Path, text: str) -> None:
     """Write a file so that it appears complete or not at all.
 

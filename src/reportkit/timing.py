@@ -28,7 +28,7 @@ PACKAGES = ("numpy", "numba", "scipy", "scikit-sundae")
 CLOCKS: dict[str, Clock] = {"process_time": time.process_time, "thread_time": time.thread_time}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Timing:
     """Repeated measurements of the processor time of some functions; see `measure`."""
 

@@ -459,7 +459,7 @@ def scalar(t, y):
     "fun", [one_too_many, one_too_many.py_func, scalar, scalar.py_func, lambda t, y: [[1.0, 2.0]]]
 )
 def test_a_right_hand_side_of_the_wrong_shape_is_refused(fun):
-    with pytest.raises(ValueError, match=r"returned an array of shape .*state has 2 components"):
+    with pytest.raises(ValueError, match=r"fun returned shape .*state has 2 components"):
         integrate(fun, (0, 1), [1.0, 0.0], tableaux.RK6, 0.1)
 
 

@@ -233,7 +233,7 @@ def test_wrong_arguments_are_refused():
         fixed_step_solver(tableaux.RK6, 0)
     with pytest.raises(ValueError, match="form = 'log' is not known"):
         solved((5, 9), fixed_step_solver(tableaux.RK6, 0.1, "log"))
-    with pytest.raises(ValueError, match=r"returned an array of shape \(1,\); the state has 2"):
+    with pytest.raises(ValueError, match=r"fun returned shape \(1,\); the state has 2"):
         solved((5, 9), fun=lambda t, y: [1.0])
     with pytest.raises(ValueError, match="finite"):
         solve_ivp(rational, (5, 9), [np.nan, 1], method=RK6)

@@ -186,9 +186,9 @@ def test_one_wrong_digit_anywhere_is_noticed(name):
 
 @pytest.mark.parametrize("order", [0, -1, 1.0, "4"])
 def test_impossible_order_is_an_error(order):
-    with pytest.raises(ValueError, match=re.escape(repr(order))):
+    with pytest.raises((TypeError, ValueError), match=re.escape(f"order = {order!r} is ")):
         trees.rooted_trees(order)
-    with pytest.raises(ValueError, match="positive integer"):
+    with pytest.raises((TypeError, ValueError), match="order = .* is "):
         trees.residuals(tableaux.EULER, order)
 
 

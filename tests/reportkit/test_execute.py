@@ -60,11 +60,26 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_two_runs_give_the_same_bytes(notebook, tmp_path):
-    source = notebook(STUDY, "{1, 2}")
+def test_two_runs_give_the_same_bytes_whatever_a_user_has_set(notebook, tmp_path, monkeypatch):
+    source = notebook(STUDY, "{1, 2}", "import numba; print(sys.flags, numba.config.DISABLE_JIT)")
     results = [tmp_path / "one", tmp_path / "two"]
-    for folder in results:
-        assert execute(source, folder) == ["said"]
+    assert execute(source, results[0]) == ["said"]
+    (tmp_path / "startup.py").write_text("print('Good morning')\n")
+    (tmp_path / "matplotlibrc").write_text("lines.markersize: 20\naxes.labelsize: 20\n")
+    settings = {
+        "MPLBACKEND": "module://nowhere",
+        "MPLCONFIGDIR": str(tmp_path),
+        "NUMBA_DISABLE_JIT": "1",
+        "PYTHONINSPECT": "1",
+        "PYTHONOPTIMIZE": "2",
+        "PYTHONSTARTUP": str(tmp_path / "startup.py"),
+        "PYTHONUTF8": "0",
+        "PYTHONWARNINGS": "error",
+    }
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
+    assert execute(source, results[1]) == ["said"]
+    assert os.environ.items() >= settings.items()
     one, two = map(contents, results)
     assert sorted(one) == [
         "50_trial-line.csv",

@@ -31,6 +31,12 @@ def test_number_keeps_its_unit(value, unit, digits, expected):
     assert text.number(value, unit, digits) == expected
 
 
+def test_copies_of_studies_are_left_out(tmp_path):
+    for stem in ("20_two", "10_one", "10_one (copy)", "10_one-Copy1", "10_one copy", "one", "1_x"):
+        (tmp_path / f"{stem}.ipynb").touch()
+    assert [path.stem for path in text.studies(tmp_path, ".ipynb")] == ["10_one", "20_two"]
+
+
 def test_columns_are_aligned():
     table = text.columns(["name", "x"], [["a", "1.5"], ["longer", ""]])
     assert table.splitlines() == ["name    x", "------  ---", "a       1.5", "longer"]

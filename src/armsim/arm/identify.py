@@ -8,7 +8,7 @@ residuals. The standard errors include their uncertainty.
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
@@ -50,8 +50,8 @@ class Problem:
     axis: AxisParameters  #: values of the fixed parameters, and starts of the free ones
     instrument: Instrument
     names: tuple[str, ...]
-    low: np.ndarray  #: lower bounds of the logarithms
-    high: np.ndarray  #: upper bounds of the logarithms
+    low: np.ndarray = field(repr=False)  #: lower bounds of the logarithms
+    high: np.ndarray = field(repr=False)  #: upper bounds of the logarithms
     method: Tableau | None = None
     step_size: float | None = None
 
@@ -110,7 +110,7 @@ class Problem:
         return least_squares(self.residuals, x0, jacobian, (self.low, self.high), **how)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """Result of a fit: estimates, covariance and residuals."""
 
@@ -123,6 +123,10 @@ class Fit:
     start_chi_squared: np.ndarray  #: χ² at which each start ended
     nfev: int  #: residual evaluations of all starts
     converged: bool  #: whether the best start met a tolerance within its evaluation limit
+
+    def __repr__(self) -> str:
+        values = zip(self.names, self.values, strict=True)
+        return f"<Fit: {', '.join(f'{name} = {value:.6g}' for name, value in values)}>"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -383,11 +387,14 @@ def _end(fit: Fit, n: int, side: int) -> float:
         inner, reach = outer, 2 * reach
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Bootstrap:
     """Estimates from many records simulated with the fitted model."""
 
     values: np.ndarray  #: (n, k) in SI units, in the order of the fit's names
+
+    def __repr__(self) -> str:
+        return f"<Bootstrap of {len(self.values)} refits>"
 
     def interval(self, share: float = 0.95) -> np.ndarray:
         """Percentile intervals (k, 2) that contain a given share of the estimates."""

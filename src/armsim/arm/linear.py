@@ -9,7 +9,7 @@ eigenvalues, their oscillations, and steady motion.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf, nan, pi, sqrt
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 from armsim.arm import response
 from armsim.arm.dynamics import Region, affine
 from armsim.arm.parameters import AxisParameters
-from armsim.checks import checked_number
+from armsim.checks import checked_number, reals
 
 #: Region of steady forward motion: no limit active, teeth engaged, no static friction.
 ENGAGED = Region(preamplifier=0, power=0, contact=1, friction=0)
@@ -92,26 +92,25 @@ class LinearAxis:
             which makes the partial fractions ill-conditioned, or if a pole is 0, so that the
             velocity has no final value.
         """
-        checked_number("set_velocity", set_velocity)
+        set_velocity = checked_number("set_velocity", set_velocity)
         numerator, denominator = self.transfer_function
         if denominator[-1] == 0:
             raise ValueError("K_2 = B_m = B_a = 0: the velocity grows without end; change one")
         poles = np.roots(denominator)
         gaps = np.abs(poles - np.roll(poles, 1))  # of three poles, these are all pairs
         if gaps.min() < 1e-7 * np.abs(poles).max():
-            reason = "nearly coincide, so the partial fractions are ill-conditioned"
-            raise ValueError(f"poles {poles} {reason}; change T_p a little")
+            raise ValueError(f"poles {poles} nearly coincide: ill-conditioned; change T_p a little")
         slope = np.polyder(denominator)
         residues = set_velocity * np.polyval(numerator, poles) / (poles * np.polyval(slope, poles))
         final = set_velocity * numerator[-1] / denominator[-1]
         return StepResponse(self, poles, residues, final)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StepResponse:
     """Step response as a sum of exponentials: y1(t) = final + Σ residue exp(pole t)."""
 
-    axis: LinearAxis
+    axis: LinearAxis = field(repr=False)
     poles: np.ndarray  #: (3,) complex, 1/s
     residues: np.ndarray  #: (3,) complex, m/s
     final: float  #: steady-state velocity, m/s
@@ -122,7 +121,7 @@ class StepResponse:
 
     def position(self, t: np.ndarray | float) -> np.ndarray:
         """Arm position y0 in m, the integral of the velocity."""
-        return self.final * np.asarray(t) + self._modes(np.expm1, self.residues / self.poles, t)
+        return self.final * reals("t", t) + self._modes(np.expm1, self.residues / self.poles, t)
 
     def current(self, t: np.ndarray | float) -> np.ndarray:
         """Motor current y6 in A, from J ω̇ + B ω = K_b y6 with ω = y1/r_g."""
@@ -167,7 +166,7 @@ class StepResponse:
         return -float(best.fun)
 
     def _modes(self, function: Callable, weights: np.ndarray, t: Any) -> np.ndarray:
-        t = np.asarray(t, dtype=float)
+        t = reals("t", t)
         return np.real(np.tensordot(weights, function(np.multiply.outer(self.poles, t)), axes=1))
 
     def _grid(self, rest: float) -> np.ndarray:

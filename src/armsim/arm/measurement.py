@@ -18,7 +18,7 @@ MIN_SAMPLES = 20
 _UNEVEN = 0.01
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurement:
     """Recorded motion of one axis from rest, evenly sampled.
 
@@ -55,6 +55,9 @@ class Measurement:
         vars(self).update(columns)
         for sample, text in faults(np.array([*columns.values()])):
             raise ValueError(text if sample is None else f"sample {sample}: {text}")
+
+    def __repr__(self) -> str:
+        return f"<Measurement of {self.t.size} samples from t = {self.t[0]:g} to {self.t[-1]:g}>"
 
     @property
     def elapsed(self) -> np.ndarray:
@@ -95,7 +98,7 @@ class Instrument:
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            checked_number(name, value, above=0.0)
+            object.__setattr__(self, name, checked_number(name, value, above=0.0))
 
     @property
     def deviations(self) -> np.ndarray:

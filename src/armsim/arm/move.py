@@ -1,6 +1,6 @@
 """A move under the slave control unit, and the tracking error of the arm."""
 
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,13 +16,14 @@ BAND = 1e-3
 REST = 1.0
 
 
-class Move(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Move:
     """A run of the arm and its track at the same fine times."""
 
     run: Trajectory
-    t: np.ndarray  #: (n,) s
-    y: np.ndarray  #: (7, n) states
-    wanted: np.ndarray  #: (2, n) position in m and speed in m/s of the track
+    t: np.ndarray = field(repr=False)  #: (n,) s
+    y: np.ndarray = field(repr=False)  #: (7, n) states
+    wanted: np.ndarray = field(repr=False)  #: (2, n) position in m and speed in m/s of the track
 
     @property
     def error(self) -> np.ndarray:

@@ -77,6 +77,8 @@ class AxisParameters:
             if item.name == "K_1" and value is None:
                 value = _gain_for_set_velocity(self)
             value = checked_number(item.name, value, above=0.0, zero=item.metadata["zero"])
+            if not 1e-30 <= (value or 1.0) <= 1e30:  # so that products of several stay finite
+                raise ValueError(f"{item.name} = {value!r}: it must lie between 1e-30 and 1e30")
             object.__setattr__(self, item.name, value)
 
     @classmethod

@@ -14,6 +14,7 @@ import numpy as np
 from armsim.arm.dynamics import Region, auxiliary_variables, constants, rhs
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import Trajectory, simulate
+from armsim.checks import reals
 from armsim.methods import IntegrationError, integrate
 from armsim.methods.tableaux import Tableau
 
@@ -23,6 +24,15 @@ HELD = Region(preamplifier=1, power=0, contact=1, friction=0)
 SETTLED = 0.02
 #: Largest number of switching events in a second of a loop that is taken as stable.
 BUZZING = 200
+
+
+def _curve(t: object, signal: object, level: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and values above a level, as two rows of the same length; or a ValueError."""
+    curve = reals("t", t), reals("signal", signal) - level
+    first, second = (part.shape for part in curve)
+    if first != second or len(first) != 1 or first == (0,):
+        raise ValueError(f"t, signal have shapes {first}, {second}; two rows (n,) are needed")
+    return curve
 
 
 def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) -> float:
@@ -40,7 +50,8 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
     float
         ``t[0]`` if the signal never leaves the band, NaN if it is outside at the end or is NaN.
     """
-    excess = np.abs(np.asarray(signal) - final) - band
+    t, away = _curve(t, signal, final)
+    excess = np.abs(away) - band
     outside = np.flatnonzero(~(excess <= 0))  # a NaN is not inside
     if outside.size == 0:
         return float(t[0])
@@ -66,7 +77,7 @@ def arrival_time(t: np.ndarray, signal: np.ndarray, level: float) -> float:
     float
         ``t[0]`` if the signal starts at the level, NaN if it never reaches it.
     """
-    left = np.asarray(signal) - level
+    t, left = _curve(t, signal, level)
     reached = np.flatnonzero(left * np.sign(left[0]) <= 0)
     if reached.size == 0:
         return nan
@@ -251,7 +262,7 @@ def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
 
     Both are NaN if the signal has fewer than three extrema that stand out from rounding errors.
     """
-    t, signal = np.asarray(t, dtype=float), np.asarray(signal, dtype=float)
+    t, signal = _curve(t, signal)
     slope = np.diff(signal)
     moving = np.flatnonzero(slope)  # two equal samples can be a top
     top = moving[:-1][slope[moving[:-1]] * slope[moving[1:]] < 0] + 1

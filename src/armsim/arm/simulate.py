@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -37,15 +37,17 @@ _CHUNK = 64
 _TO_NAMES = dynamics.region_of_number, Region._fields.__getitem__
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """Simulated motion; calling it returns the state (7,) at a time, or (7, n) at n times."""
 
-    parameters: AxisParameters
-    schedule: Schedule  #: pairs (time in s, set velocity in V from that time on)
+    parameters: AxisParameters = field(repr=False)
+    #: Pairs (time in s, set velocity in V from that time on).
+    schedule: Schedule = field(repr=False)
     solution: ExactSolution | runge_kutta.Solution
     t_end: float  #: end of the run in s
-    control: SlaveControl | None = None  #: unit that produced the set velocity, if any
+    #: Unit that produced the set velocity, if any.
+    control: SlaveControl | None = field(default=None, repr=False)
 
     @property
     def t(self) -> np.ndarray:
@@ -77,7 +79,7 @@ class Trajectory:
 
     def set_velocity(self, t: np.ndarray | float) -> np.ndarray:
         """Set velocity U in volts at the times `t`; at a switch, the new value."""
-        return _set_velocity(self.schedule, t)
+        return _set_velocity(self.schedule, reals("t", t))
 
     def auxiliary(self, t: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Auxiliary variables of Table 2: f_g, F_s in N and v_m, v_c in V.
@@ -214,7 +216,7 @@ def simulate_many(
         If a run fails; the message gives its index in `parameters`.
     """
     task, axes = _checked(set_velocity, control, t_end, y0), list(parameters)
-    at = checks.checked_times([t_end] if times is None else times, 0.0, t_end, "times")
+    at = checks.checked_times(task.t_end if times is None else times, 0.0, task.t_end, "times")
     workers = os.cpu_count() if threads is None else checks.checked_count("threads", threads)
     y = np.empty((len(axes), 7, at.size))
 

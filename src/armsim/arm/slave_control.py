@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numba import njit
 
-from armsim.checks import checked_count, checked_number, checked_type
+from armsim.checks import checked_count, checked_number, checked_type, reals
 from armsim.choices import CHOICES
 
 _MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
@@ -26,7 +26,7 @@ _MOVE, _CONTROL = CHOICES["move"], CHOICES["control"]
 Law = namedtuple("Law", "K_p K_I K_v delay angle period limit volts_per_speed")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Track:
     """Track data: positions and speeds that the master sends at equal intervals.
 
@@ -54,7 +54,7 @@ class Track:
     period: float = 0.08
 
     def __post_init__(self) -> None:
-        checked_number("period", self.period, above=0.0)
+        object.__setattr__(self, "period", checked_number("period", self.period, above=0.0))
         for name in ("position", "speed"):
             object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         if not 2 <= len(self.position) == len(self.speed):
@@ -64,6 +64,9 @@ class Track:
             raise ValueError("track: every position and speed must be finite")
         if self.speed[-1] != 0.0:
             raise ValueError(f"track ends with the speed {self.speed[-1]} m/s; it must be 0")
+
+    def __repr__(self) -> str:
+        return f"<Track of {len(self.position)} points, {self.period:g} s apart>"
 
     @classmethod
     def trapezoid(
@@ -84,10 +87,9 @@ class Track:
         period : float
             Interval between track points in s.
         """
-        checked_number("distance", distance)
-        checked_number("velocity", velocity, above=0.0)
-        checked_number("acceleration", acceleration, above=0.0)
-        checked_number("period", period, above=0.0)
+        sizes = {"velocity": velocity, "acceleration": acceleration, "period": period}
+        velocity, acceleration, period = (checked_number(*s, above=0.0) for s in sizes.items())
+        distance = checked_number("distance", distance)
         length = abs(distance)
         top = min(velocity, math.sqrt(acceleration * length))
         rise = top / acceleration
@@ -115,7 +117,7 @@ class Track:
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """Position in m and speed in m/s (2, …) at the times `t` (…) in s."""
-        inside = np.clip(t, 0.0, self.duration)
+        inside = np.clip(reals("t", t), 0.0, self.duration)
         return np.array([self._spline(inside), self._spline(inside, 1)])
 
 
@@ -169,12 +171,10 @@ class SlaveControl:
 
     def __post_init__(self) -> None:
         checked_type("track", self.track, Track)
-        for name in ("K_p", "K_I", "K_v"):
-            checked_number(name, getattr(self, name), above=0.0, zero=True)
-        for name in ("delay", "counts"):
-            checked_count(name, getattr(self, name), least=0)
-        for name in ("period", "limit", "volts_per_speed"):
-            checked_number(name, getattr(self, name), above=0.0)
+        for name, value in [*vars(self).items()][1:]:
+            count = name in ("delay", "counts")
+            number = checked_number(name, value, above=0.0, zero=count or name.startswith("K_"))
+            object.__setattr__(self, name, checked_count(name, value, 0) if count else number)
 
     @property
     def law(self) -> Law:

@@ -9,9 +9,11 @@ instructions that cost as much as all the arithmetic of the solver. Functions th
 
 import llvmlite.binding  # type: ignore[import-untyped]
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import get_cython_function_address, intrinsic
+
+from armsim.machine_code import kept
 
 # --- arrays without reference counts ----------------------------------------------------------
 
@@ -73,7 +75,7 @@ _dgeev = types.ExternalFunction(
 )
 
 
-@njit(error_model="numpy", nogil=True)
+@kept(error_model="numpy", nogil=True)
 def eigen(A):
     """Complex eigenvalues (n,) and eigenvectors (n, n) of a real matrix, and a failure flag."""
     n = A.shape[0]

@@ -45,6 +45,7 @@ from fractions import Fraction
 from functools import cache
 from itertools import accumulate, combinations, pairwise
 from math import prod
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -121,7 +122,7 @@ def search(source: _Rows, name: str = "tableau") -> Errata:
         If the tableau is not explicit or has rows of unequal length, the number of stages is not
         2 to 8, a number is not an integer, or a denominator is not between 1 and 9999999.
     """
-    _check(source)
+    source = _checked(source)
     *A, b = ([Fraction(*pair) for pair in row] for row in source)
     printed = Tableau(name, A, b)
     before = after = trees.order(printed)
@@ -141,14 +142,15 @@ def search(source: _Rows, name: str = "tableau") -> Errata:
     )  # fmt: skip
 
 
-def _check(rows: _Rows) -> None:
+def _checked(rows: _Rows) -> _Rows:
     if not 2 <= len(rows) - 1 <= _MAX_STAGES:
         raise ValueError(f"stages = {len(rows) - 1}: the search takes 2 to {_MAX_STAGES}")
     for n, d in (pair for row in rows for pair in row):
-        if not (isinstance(n, int) and isinstance(d, int)):
+        if not (isinstance(n, Integral) and isinstance(d, Integral)):
             raise ValueError(f"coefficient {n!r}/{d!r}: must be a pair of integers")
         if not 1 <= d <= _MAX_DENOMINATOR:
             raise ValueError(f"denominator {d}: must lie within 1 and {_MAX_DENOMINATOR}")
+    return [[(int(n), int(d)) for n, d in row] for row in rows]
 
 
 # --- edits ------------------------------------------------------------------------------------

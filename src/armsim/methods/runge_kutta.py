@@ -27,7 +27,7 @@ _UNROLLED = 16
 _CHUNK = 256
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """Result of `integrate`; calling an adaptive one evaluates its continuous extension."""
 
@@ -36,6 +36,9 @@ class Solution:
     nfev: int  #: right-hand-side evaluations
     rejected: int = 0  #: steps rejected by the error control
     _interpolate: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def __repr__(self) -> str:
+        return f"<Solution: {len(self.y)} states, {self.t.size} times to t = {self.t[-1]:g}>"
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
         """State (m,) at a time, or (m, k) at k times, from the continuous extension.
@@ -101,7 +104,8 @@ def integrate(
         Shift s of the exponential form, default 0. ``y + s`` must stay positive.
     rtol, atol : float
         Tolerances of the error control. A step is accepted if the root mean square over the
-        components of ``error / (atol + rtol |y|)`` is at most 1. `atol` may be an (m,) array.
+        components of ``error / (atol + rtol |y|)`` is at most 1. `rtol` is at least
+        2.22e-14, a hundred roundings as in SciPy; `atol` may be an (m,) array.
     max_steps : int
         Largest number of accepted steps under error control. Each is stored with its stages.
 
@@ -132,7 +136,7 @@ def integrate(
     s = checked_shift(shift, y0, form)
     if step_size is None:
         tolerances = _checked_tolerances(tableau, y0, rtol, atol)
-        checks.checked_count("max_steps", max_steps)
+        max_steps = checks.checked_count("max_steps", max_steps)
         setting = f"rtol {tolerances[0]:g}"
     else:
         step_size = checks.checked_number("step_size", step_size, above=0.0)
@@ -233,7 +237,8 @@ def _adaptive(problem: Problem, tolerances: Any, max_steps: int) -> Solution:
             fall = f"the step size fell to {h:.3g} at t = {t:.12g}"
             raise problem.error(f"{fall}, where the spacing of times is {math.ulp(t):.3g}")
     steps = np.concatenate(times), np.concatenate(states, axis=1)
-    extension = partial(_extended, problem, *steps, np.concatenate(slopes))
+    # Without the right-hand side, so that a solution can be pickled.
+    extension = partial(_extended, tableau, s, problem.form, *steps, np.concatenate(slopes))
     return Solution(*steps, nfev, rejected, None if tableau.interpolant is None else extension)
 
 
@@ -279,19 +284,17 @@ def _interpolant(tableau: Tableau) -> np.ndarray:
     return np.array(tableau.interpolant, dtype=float)
 
 
-def _extended(
-    problem: Problem, t: np.ndarray, y: np.ndarray, slopes: np.ndarray, times: np.ndarray
-) -> np.ndarray:
+def _extended(tableau: Any, shift: Any, form: str, t: Any, y: Any, slopes: Any, times: Any) -> Any:
     """Continuous extension y(t + θh): the left end of a step moved along Σ b_i(θ) k_i."""
     if t.size == 1:  # a run of no length
         return np.repeat(y, times.size, axis=1)
-    P, s, direction = _interpolant(problem.tableau), problem.shift[:, None], np.sign(t[-1] - t[0])
+    P, s, direction = _interpolant(tableau), shift[:, None], np.sign(t[-1] - t[0])
     n = np.searchsorted(direction * t, direction * times, side="right") - 1
     n = np.clip(n, 0, t.size - 2)
     h, left = t[n + 1] - t[n], y[:, n]
     powers = ((times - t[n]) / h)[:, None] ** np.arange(1, P.shape[1] + 1)
     z = h * np.einsum("nsm,sq,nq->mn", slopes[n], P, powers)
-    return left + z if problem.form == "additive" else (left + s) * np.exp(z) - s
+    return left + z if form == "additive" else (left + s) * np.exp(z) - s
 
 
 # --- checks of arguments and results ----------------------------------------------------------
@@ -334,11 +337,12 @@ def _checked_tolerances(tableau: Tableau, y0: np.ndarray, rtol: float, atol: Any
     """Return `rtol` and `atol` (m,), for a tableau that has an error estimate."""
     if tableau.b_embedded is None:
         raise ValueError(f"step_size is missing, and {tableau.name} has no embedded weights for it")
-    rtol = checks.checked_number("rtol", rtol, above=0.0)
+    if checks.checked_number("rtol", rtol) < 100 * 2.0**-52:  # rounding would choose the step
+        raise ValueError(f"rtol = {rtol!r} is not allowed; it must be at least 2.22e-14")
     scale = _per_component("atol", atol, y0.size)
     if ((scale < 0) | (scale + np.abs(y0) == 0)).any():
         raise ValueError(f"atol = {atol!r}: it must not be negative, and not 0 where y0 is 0")
-    return rtol, scale
+    return float(rtol), scale
 
 
 def raise_if_lost(problem: Problem, t: np.ndarray, y: np.ndarray, first: int = 0) -> None:
@@ -360,8 +364,7 @@ def raise_if_lost(problem: Problem, t: np.ndarray, y: np.ndarray, first: int = 0
 def _as_slope(value: Any, y: np.ndarray) -> np.ndarray:
     slope = np.asarray(value, dtype=y.dtype)
     if slope.shape != y.shape:
-        returned = f"the right-hand side returned an array of shape {slope.shape}"
-        raise ValueError(f"{returned}; the state has {y.size} components")
+        raise ValueError(f"fun returned shape {slope.shape}; the state has {y.size} components")
     return slope
 
 

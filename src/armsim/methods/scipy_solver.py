@@ -55,7 +55,7 @@ def fixed_step_solver(
     >>> print(f"{run.y[0, -1]:.6f} after {run.nfev} evaluations")
     0.141120 after 210 evaluations
     """
-    checked_number("step_size", step_size, above=0.0)
+    step_size = checked_number("step_size", step_size, above=0.0)
     checked_type("tableau", tableau, Tableau, "tableaux.RK6")
 
     class FixedStep(OdeSolver):

@@ -25,7 +25,7 @@ import sympy
 _OPERATIONS: dict[type, Callable] = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Tableau:
     r"""An explicit Runge-Kutta method :math:`(A, b, c)`.
 
@@ -59,7 +59,7 @@ class Tableau:
     b: sympy.Array
     b_embedded: sympy.Array | None = None
     interpolant: sympy.Array | None = field(default=None, repr=False)
-    reference: str = field(default="", repr=False)
+    reference: str = field(default="", repr=False, compare=False)
 
     def __post_init__(self) -> None:
         name, s = f"tableau {self.name}", len([*self.A])  # of an array, len counts all entries

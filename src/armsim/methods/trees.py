@@ -20,6 +20,7 @@ from typing import Any
 import sympy
 from sympy.polys.constructor import construct_domain
 
+from armsim.checks import checked_count
 from armsim.methods.tableaux import Tableau
 
 Tree = tuple["Tree", ...]
@@ -31,7 +32,7 @@ def rooted_trees(order: int) -> tuple[Tree, ...]:
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         If `order` is not a positive integer.
 
     Examples
@@ -39,9 +40,7 @@ def rooted_trees(order: int) -> tuple[Tree, ...]:
     >>> [len(rooted_trees(n)) for n in range(1, 9)]
     [1, 1, 2, 4, 9, 20, 48, 115]
     """
-    if not isinstance(order, int) or order < 1:
-        raise ValueError(f"order = {order!r}: a rooted tree has a positive integer of nodes")
-    if order == 1:
+    if checked_count("order", order) == 1:
         return ((),)
     # Removing the first and greatest subtree leaves a smaller tree.
     return tuple(
@@ -141,11 +140,10 @@ def residuals(tableau: Tableau, order: int) -> list[Condition]:
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         If `order` is not a positive integer.
     """
-    rooted_trees(order)  # raises for an invalid order
-    return list(_conditions(tableau, range(1, order + 1)))
+    return list(_conditions(tableau, range(1, checked_count("order", order) + 1)))
 
 
 def order(tableau: Tableau) -> int:
