@@ -4,6 +4,7 @@ Modules that are slow to import are imported by the command that needs them.
 """
 
 import json
+import logging
 import shutil
 import signal
 import sys
@@ -121,6 +122,8 @@ def rerun(
     from reportkit.rerun import rerun
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for logger in ("asyncio", "papermill", "traitlets"):  # they tell of an interruption with stacks
+        logging.getLogger(logger).disabled = True
     click.echo(f"{notebook.name}: executing{notice}")
     try:
         folder, comparisons, complaints = rerun(notebook, values, output, project)
