@@ -50,7 +50,7 @@ def test_columns_come_in_any_order_between_comments_and_from_windows(tmp_path):
 @pytest.mark.parametrize(("separator", "point"), [(";", ","), (";", "."), ("\t", ","), (",", ".")])
 def test_separator_is_that_of_the_header(tmp_path, separator, point):
     text = "\n".join([HEADER, *ROWS]).replace(",", separator).replace(".", point)
-    found = read_measurement(written(tmp_path, text))
+    found = read_measurement(written(tmp_path, f"sep={separator}\n{text}\n{4 * separator}\n"))
     np.testing.assert_array_equal(found.t, T.round(3))
     np.testing.assert_array_equal(found.signals[:, 7], [0.1, 0.2, 0.3])
 
@@ -154,6 +154,7 @@ def test_axis_runs_at_1_m_per_s_within_its_limits(name):
         ("velocity = 5.01e-3", "velocity = true", r"\[instrument\]: velocity = True"),
         ("velocity = 5.01e-3", "velocity = 0", r"\[instrument\]: velocity = 0 is not allowed"),
         ("[instrument]", "[instrument", "not a TOML file"),
+        ('"x"', '["x"]', r"\[axis\]: choices = \['x'\]; allowed are x, y, z"),
         ("[instrument]", "a = " + 5000 * "[", "not a TOML file"),
         ("M = 146.0 ", f"M = {10**400} ", r"\[axis\]: M = 1000.* is not allowed"),
     ],

@@ -35,7 +35,7 @@ def read_measurement(path: str | Path) -> Measurement:
         CSV in UTF-8 with the columns ``time [s]``, ``set_velocity [V]``, ``position [m]``,
         ``velocity [m/s]`` and ``acceleration [m/s^2]`` in any order, see `Measurement`. Commas,
         semicolons or tabs separate the cells, as in the header; with the latter two, numbers may
-        have decimal commas. Empty lines and lines that start with ``#`` are skipped.
+        have decimal commas. Empty lines and lines that start with ``#`` or ``sep=`` are skipped.
 
     Raises
     ------
@@ -95,7 +95,8 @@ def _rows(path: Path) -> list[tuple[str, str]]:
     if "\0" in text:
         raise FileError(f"{path}: not a text file in UTF-8; save the record as CSV, UTF-8")
     lines = ((f"{path}, row {n}", line) for n, line in enumerate(text.splitlines(), 1))
-    return [(where, line) for where, line in lines if line.strip() and line.lstrip()[0] != "#"]
+    # A spreadsheet writes separators in empty lines, and on top a line that names the separator.
+    return [one for one in lines if one[1].strip(" ,;\t") and not re.match(r"\s*#|sep=", one[1])]
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -160,7 +161,7 @@ def read_axis(path: str | Path) -> tuple[AxisParameters, Instrument]:
         if not isinstance(table, dict):
             raise FileError(f"{path}: {name} has to be a table, [{name}]")
         if name == "axis" and (choices := table.pop("choices", None)) is not None:
-            if choices not in CHOICES["axis"]:
+            if choices not in [*CHOICES["axis"]]:
                 known = hint(choices, CHOICES["axis"])
                 raise FileError(f"{where}: choices = {choices!r}; {known}")
             table = CHOICES["axis"][choices] | table

@@ -414,8 +414,7 @@ class Bootstrap:
 
     def interval(self, share: float = 0.95) -> np.ndarray:
         """Percentile intervals (k, 2) that contain a given share of the estimates."""
-        tail = 100 * (1 - share) / 2
-        return np.percentile(self.values, [tail, 100 - tail], axis=0).T
+        return np.percentile(self.values, [50 * (1 - share), 50 * (1 + share)], axis=0).T
 
 
 def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter) -> Bootstrap:
