@@ -5,8 +5,13 @@ from collections.abc import Iterable
 from contextlib import suppress
 from math import inf, isfinite
 from numbers import Integral, Real
+from textwrap import shorten
 
 import numpy as np
+
+#: Types that convert to float, or count as integers, but are no real numbers. (Other objects are:
+#: fractions, for example.)
+_ODD = (bool, np.bool_, str, bytes, type(None), np.complexfloating, np.datetime64, np.timedelta64)
 
 
 class IntegrationError(ArithmeticError):
@@ -32,7 +37,7 @@ def checked_number(name: str, value: object, *, above: float = -inf, zero: bool 
     TypeError, ValueError
         If the value has the wrong type or is out of range; the message says what is allowed.
     """
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if isinstance(value, _ODD) or not isinstance(value, Real):
         raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; a real number is needed")
     try:
         number = float(value)
@@ -52,7 +57,7 @@ def checked_count(name: str, value: object, least: int = 1) -> int:
     TypeError, ValueError
         If the value is not such an integer; the message says what is allowed.
     """
-    if isinstance(value, bool) or not isinstance(value, Integral):
+    if isinstance(value, _ODD) or not isinstance(value, Integral):
         raise TypeError(f"{name} = {value!r} is a {type(value).__name__}; an integer is needed")
     if value < least:
         raise ValueError(f"{name} = {value!r} is not allowed; it must be at least {least}")
@@ -72,12 +77,15 @@ def reals(name: str, value: object) -> np.ndarray:
     Raises
     ------
     ValueError
-        If the value contains text, complex numbers or rows of different lengths.
+        If the value contains text, dates, complex numbers, masked or missing values, or rows of
+        different lengths.
     """
-    with suppress(TypeError, ValueError):
-        if np.asarray(value).dtype.kind in "iufO":  # O: fractions and other numbers of Python
-            return np.array(value, dtype=float)
-    raise ValueError(f"{name} = {value!r}: real numbers are needed")
+    with suppress(TypeError, ValueError, OverflowError):
+        given = np.asarray(value)
+        odd = given.dtype == object and any(isinstance(one, _ODD) for one in given.flat)
+        if given.dtype.kind in "iufO" and not odd and not np.ma.is_masked(value):
+            return np.array(given, dtype=float)
+    raise ValueError(f"{name} = {shorten(repr(value), 100)}: real numbers are needed")
 
 
 def checked_times(t: object, start: float, end: float, name: str = "t") -> np.ndarray:

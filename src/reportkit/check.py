@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from reportkit import text
+from reportkit.project import ProjectError
 
 #: Relative tolerance of a float recorded without one; all other values must then be equal.
 DEFAULT_RELATIVE = 1e-9
@@ -89,7 +90,7 @@ def compare_folders(results: Path, expected: Path) -> list[Comparison]:
     ------
     FileNotFoundError
         If the folder of results holds none.
-    ValueError
+    ProjectError
         If a file does not hold records.
     """
     built, wanted = load_all(results), load_all(expected)
@@ -120,14 +121,14 @@ def load(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    ValueError
+    ProjectError
         If the file does not hold records.
     """
     with suppress(ValueError, AttributeError, TypeError):
         records = json.loads(path.read_text(encoding="utf-8"))
         if all({"value", "unit", "tolerance"} <= set(item) for item in records.values()):
             return dict(records)
-    raise ValueError(f"{path} does not hold what a study records")
+    raise ProjectError(f"{path} does not hold what a study records")
 
 
 def load_all(folder: Path) -> dict[str, dict[str, Any]]:

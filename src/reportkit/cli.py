@@ -4,36 +4,46 @@ Modules that are slow to import are imported by the command that needs them.
 """
 
 import json
+import logging
 import shutil
 import signal
 import sys
-import tomllib
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import click
 
 from reportkit import check, parameters, text
-from reportkit.project import Project, ProjectError
+from reportkit.project import Project, ProjectError, read_toml
 
 CHANGED, MISUSED, INTERRUPTED = 1, 2, 130
-_folder = partial(click.option, type=click.Path(path_type=Path), metavar="DIR")
+
+
+def _once(_: click.Context, option: click.Parameter, given: tuple[Path, ...]) -> Path | None:
+    if len(given) > 1:
+        raise parameters.ParameterError(f"{option.opts[0]}: given twice")
+    return given[0] if given else None
+
+
+_option = partial(click.option, multiple=True, callback=_once)
+_folder = partial(_option, type=click.Path(file_okay=False, path_type=Path), metavar="DIR")
 
 
 def main(arguments: list[str] | None = None, project: Project | None = None) -> int:
     """Run the command and return its exit code.
 
-    The code is 0 for success, 1 if a notebook failed or a value moved, 2 for an invalid command
-    and 130 after an interruption.
+    The code is 0 for success, 1 if a notebook failed or a value moved, 2 for an invalid command or
+    a file that cannot be read or written, and 130 after an interruption.
     """
-    arguments = sys.argv[1:] if arguments is None else arguments
+    arguments, own = sys.argv[1:] if arguments is None else arguments, project
     try:
-        own = project or Project.find()
+        own = own or Project.find()
         return commands.main(arguments, own.name, standalone_mode=False, obj=own) or 0
-    except (ProjectError, parameters.ParameterError) as error:
-        command = "" if isinstance(error, ProjectError) else f"{own.name} {arguments[0]}: "
+    except (ProjectError, parameters.ParameterError, OSError) as error:
+        command = f"{own.name} {arguments[0]}: " if own else ""
         print(f"{command}{error}", file=sys.stderr)
         return MISUSED
     except click.ClickException as error:
@@ -91,42 +101,43 @@ def _shown(notebook: parameters.Notebook, width: int) -> str:
     "-p", "--parameter", "given", nargs=2, multiple=True, metavar="KEY VALUE",
     help="A parameter, as the list shows them; a list is written 1,2,3. May be repeated.",
 )  # fmt: skip
-@click.option("-f", "--file", metavar="TOML", help="A file of KEY = VALUE; -p wins.")
-@_folder("-o", "--output", default="runs", show_default=True,
+@_option("-f", "--file", type=Path, metavar="TOML", help="A file of KEY = VALUE; -p wins.")
+@_folder("-o", "--output", default=["runs"], show_default=True,
          help="Where the folder NAME-<time> is made.")  # fmt: skip
 @_NOTEBOOKS
 @click.pass_obj
 def rerun(
-    project: Project, name: str, given: Any, file: str | None, output: Path, notebooks: Path | None
+    project: Project, name: str, given: Any, file: Path | None, output: Path, notebooks: Path | None
 ) -> int:
     """Execute a notebook with other parameters."""
     notebook = parameters.find(name, notebooks or project.notebooks, project.read_choices())
-    values = notebook.values(given, _table(file))
+    whole = {key: item.default for key, item in notebook.parameters.items()}
+    check = None if notebooks else project.checks.get(notebook.name)
+    try:
+        values = notebook.values(given, read_toml(file) if file else {})
+        notice = resolve_name(check)(whole | values) if check else ""
+    except (ValueError, ArithmeticError) as error:
+        raise parameters.ParameterError(error) from None
     from reportkit.execute import NotebookError
     from reportkit.rerun import rerun
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    click.echo(f"{notebook.name}: executing")
+    for logger in ("asyncio", "papermill", "traitlets"):  # they tell of an interruption with stacks
+        logging.getLogger(logger).disabled = True
+    click.echo(f"{notebook.name}: executing{notice}")
     try:
         folder, comparisons, complaints = rerun(notebook, values, output, project)
     except KeyboardInterrupt:
         click.echo(f"{notebook.name}: interrupted, nothing written", err=True)
         return INTERRUPTED
-    except (NotebookError, OSError) as error:
+    except NotebookError as error:
         click.echo(f"\n{error}\n", err=True)
         return CHANGED
     for complaint in complaints:
         click.echo(f"{notebook.name} warned: {complaint}", err=True)
     click.echo(_told(comparisons))
-    click.echo(f"{folder / notebook.name}.html")
+    click.echo(f"{click.format_filename(folder / notebook.name)}.html")
     return 0
-
-
-def _table(name: str | None) -> dict[str, Any]:
-    try:
-        return tomllib.loads(Path(name).read_text(encoding="utf-8")) if name is not None else {}
-    except (OSError, ValueError) as error:
-        raise parameters.ParameterError(f"{name}: no TOML file of parameters: {error}") from None
 
 
 def _told(pairs: list[check.Comparison]) -> str:
@@ -146,10 +157,7 @@ def _told(pairs: list[check.Comparison]) -> str:
 def check_(project: Project, update: bool, results: Path | None, expected: Path | None) -> int:
     """Compare the results with the expected values."""
     expected = expected or project.expected
-    try:
-        pairs = check.compare_folders(results or project.results, expected)
-    except (OSError, ValueError) as error:
-        raise parameters.ParameterError(str(error)) from None
+    pairs = check.compare_folders(results or project.results, expected)
     moved = [pair.row() for pair in pairs if pair.moved]
     if moved:
         click.echo(text.columns(["name", "expected", "got", "tolerance", "notebook"], moved))

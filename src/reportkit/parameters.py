@@ -132,9 +132,12 @@ class Parameter:
         if type(value) is not self.kind or (isinstance(value, float) and not math.isfinite(value)):
             raise self._refusal(whole)
         if allowed == "path":
-            if value and not (path := Path(str(value))).is_file():
-                raise ParameterError(f"{self.name} = {value!r}: there is no such file")
-            return str(path.resolve()) if value else value
+            with suppress(OSError, ValueError):  # a name too long, or not UTF-8 as files need it
+                path = str(Path(str(value)).resolve()) if value else ""
+                if not path.encode() or Path(path).is_file():
+                    return path
+            odd = "its name is not UTF-8" if "\\udc" in repr(value) else "there is no such file"
+            raise ParameterError(f"{self.name} = {value!r}: {odd}")
         if allowed and not self._fits(value, allowed):
             raise self._refusal(whole)
         return value

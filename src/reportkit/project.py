@@ -4,7 +4,8 @@ Every path is relative to the folder of that file, the root of the report.
 """
 
 import tomllib
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -34,6 +35,10 @@ class Project:
         Extra of the distribution that the report needs.
     versions : tuple of str
         Packages whose versions stand on the page of a rerun.
+    checks : mapping of str to str
+        For a notebook, a function ``package.module:name`` that takes its parameters before a rerun,
+        reads the files among them, for example, and returns a notice, or an empty text. It raises
+        a ValueError, ArithmeticError or OSError if they will not do.
     """
 
     root: Path
@@ -49,6 +54,7 @@ class Project:
     mathjax: Path = Path("book/_static/mathjax/tex-svg-full.js")
     extra: str = ""
     versions: tuple[str, ...] = ()
+    checks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for item in fields(self)[1:]:
@@ -57,8 +63,7 @@ class Project:
 
     def read_choices(self) -> dict[str, Any]:
         """Read the values that cells of parameters refer to; none if there is no such file."""
-        text = self.choices.read_text(encoding="utf-8") if self.choices.is_file() else ""
-        return tomllib.loads(text)
+        return read_toml(self.choices) if self.choices.is_file() else {}
 
     @classmethod
     def find(cls, start: Path | None = None) -> Self:
@@ -76,6 +81,20 @@ class Project:
                 text = path.read_text(encoding="utf-8") if path.is_file() else ""
                 if "[tool.reportkit]" in text:
                     return cls(folder, **tomllib.loads(text)["tool"]["reportkit"])
-            except (TypeError, tomllib.TOMLDecodeError) as error:
+            except (TypeError, ValueError, LookupError, OSError, RecursionError) as error:
                 raise ProjectError(f"{path}, [tool.reportkit]: {error}") from None
         raise ProjectError(f"no pyproject.toml with [tool.reportkit] in {start} or above")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a file in TOML, with or without a byte order mark.
+
+    Raises
+    ------
+    ProjectError
+        If it cannot be read; the message is one line.
+    """
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ProjectError(f"{path}: no TOML file in UTF-8: {error}") from None

@@ -47,6 +47,14 @@ def test_columns_come_in_any_order_between_comments_and_from_windows(tmp_path):
     assert found.schedule == ((0.0, 10.0),)
 
 
+@pytest.mark.parametrize(("separator", "point"), [(";", ","), (";", "."), ("\t", ","), (",", ".")])
+def test_separator_is_that_of_the_header(tmp_path, separator, point):
+    text = "\n".join([HEADER, *ROWS]).replace(",", separator).replace(".", point)
+    found = read_measurement(written(tmp_path, f"sep={separator}\n{text}\n{4 * separator}\n"))
+    np.testing.assert_array_equal(found.t, T.round(3))
+    np.testing.assert_array_equal(found.signals[:, 7], [0.1, 0.2, 0.3])
+
+
 def changed(row, text):
     """The file with a row, counted as in an editor, replaced."""
     lines = [HEADER, *ROWS]
@@ -71,13 +79,20 @@ def changed(row, text):
         (changed(1, HEADER.replace("[m]", "[mm]")), "'position' has the unit 'mm'; allowed is 'm'"),
         (changed(1, HEADER.replace("time [s]", "time")), "'time' has the unit ''; allowed is 's'"),
         (changed(1, ROWS[0]), "row 1: no column '5.000' is known"),
-        (changed(1, HEADER.replace(",", ";")), "row 1: no column"),
+        (changed(1, HEADER.replace(",", ";")), "row 2: 1 cells; the header has 5 columns"),
+        (changed(1, HEADER.replace(",", " ")), "row 1: no column 'time"),
+        (changed(7, "5,010,10,0,1,0,2,0,3"), "row 7: 9 cells; .*; decimal commas need semicolons"),
+        (changed(7, '"5,010",10,"0,1",1,2'), "row 7: 7 cells; .*; decimal commas need semicolons"),
+        (
+            changed(7, "5.010,10,0.1,0.2,0.3").replace(",", ";") + "\n5,070;1;1;1;1",
+            "row 2: time = '5.000' is not a number; the file has decimal commas",
+        ),
         (changed(7, "5.010,10,0.1,0.2"), "row 7: 4 cells; the header has 5 columns"),
         (changed(7, "5.010,10,0.1,0.2,0.3,"), "row 7: 6 cells"),
         (changed(7, "5.010,10,,0.2,0.3"), "row 7: position = '' is not a number"),
         (changed(7, "5.010,ten,0.1,0.2,0.3"), "row 7: set_velocity = 'ten' is not a number"),
         (changed(7, "5.010,1_0,0.1,0.2,0.3"), "row 7: set_velocity = '1_0' is not a number"),
-        (changed(7, "9" * 200_000), "row 7: field larger than field limit"),
+        (changed(7, "9" * 200_000), "row 7: 1 cells"),
         (changed(7, "5.010,10,nan,0.2,0.3"), "row 7: position = nan is not finite"),
         (changed(7, "5.010,10,0.1,-inf,0.3"), "row 7: velocity = -inf is not finite"),
         (changed(7, "5.008,10,0.1,0.2,0.3"), "row 7: time = 5.008 stands there twice"),
@@ -139,6 +154,9 @@ def test_axis_runs_at_1_m_per_s_within_its_limits(name):
         ("velocity = 5.01e-3", "velocity = true", r"\[instrument\]: velocity = True"),
         ("velocity = 5.01e-3", "velocity = 0", r"\[instrument\]: velocity = 0 is not allowed"),
         ("[instrument]", "[instrument", "not a TOML file"),
+        ('"x"', '["x"]', r"\[axis\]: choices = \['x'\]; allowed are x, y, z"),
+        ("[instrument]", "a = " + 5000 * "[", "not a TOML file"),
+        ("M = 146.0 ", f"M = {10**400} ", r"\[axis\]: M = 1000.* is not allowed"),
     ],
 )
 def test_bad_axis_is_refused(tmp_path, old, new, message):

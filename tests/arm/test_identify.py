@@ -185,17 +185,26 @@ def test_bootstrap_spreads_as_the_standard_errors_say(found):
     np.testing.assert_array_equal(again.values, drawn.values[:10])
 
 
-def test_known_slopes_change_nothing(found):
+def test_slopes_at_the_fit_serve_for_its_refits(found):
     """Bias and drift cancel, so those of the fitted motion serve for every record of it."""
     problem, start = found.problem, found.logarithms
-    ideal, rng = problem.model([start])[0], np.random.default_rng(0)
-    seen = (ideal + rng.standard_normal(ideal.shape)) * problem.instrument.deviations
-    record = dataclasses.replace(problem.measurement, **dict(zip(SIGNALS, seen, strict=True)))
-    noisy = dataclasses.replace(problem, measurement=record)
-    np.testing.assert_array_equal(noisy.jacobian(start), problem.jacobian(start))
-    with_them = noisy.solve(start, problem.jacobian(start))
-    np.testing.assert_array_equal(with_them.x, noisy.solve(start).x)
-    assert not np.array_equal(with_them.x, start)
+    ideal, slopes = problem.model([start])[0], problem.jacobian(start)
+    for seed in range(5):
+        noise = np.random.default_rng(seed).standard_normal(ideal.shape)
+        seen = (ideal + noise) * problem.instrument.deviations
+        record = dataclasses.replace(problem.measurement, **dict(zip(SIGNALS, seen, strict=True)))
+        noisy = dataclasses.replace(problem, measurement=record)
+        np.testing.assert_array_equal(noisy.jacobian(start), slopes)
+        off = noisy.solve(start, slopes).x - noisy.solve(start).x
+        assert np.abs(off).max() > 0
+        assert np.all(np.abs(off) < 0.03 * np.sqrt(np.diag(found.covariance)))
+
+
+def test_interval_of_a_fit_that_explains_nothing_is_an_answer(found, monkeypatch):
+    """χ² may be so large that its rounding alone is a rise, at the estimate as well."""
+    monkeypatch.setattr(identify, "profile", lambda fit, name, values: [100.0])
+    for n, one in enumerate(identifiability(found)):
+        assert one.interval == pytest.approx((found.values[n],) * 2, rel=0.1)
 
 
 # --- whether the model is right -----------------------------------------------------------------
@@ -214,6 +223,29 @@ def test_wrong_model_is_found_out(curved):
     assert identifiability(curved)[4].verdict.startswith("not bounded from below")
 
 
+def test_long_run_of_many_steps_is_computed_in_stretches(found, monkeypatch):
+    """Whatever the stretches, the samples are the same, at the same changes of the input."""
+    volts = RECORD.set_velocity + np.where(RECORD.t > 1, 3.0, 0.0)
+    record = dataclasses.replace(RECORD, t=RECORD.t + 7, set_velocity=volts)
+    problem = dataclasses.replace(
+        found.problem, measurement=record, method=tableaux.DP4, step_size=1e-4
+    )
+    whole = problem.model([found.logarithms])
+    runs = []
+
+    def simulate(p, volts, end, **how):
+        runs.append(end)
+        return identify_simulate(p, volts, end, **how)
+
+    identify_simulate = identify.simulate
+    monkeypatch.setattr(identify, "simulate", simulate)
+    for steps, count in ((2000, 7), (37, 650), (1, 650)):
+        runs.clear()
+        monkeypatch.setattr(identify, "_STRETCH", steps)
+        np.testing.assert_allclose(problem.model([found.logarithms]), whole, rtol=1e-9, atol=1e-6)
+        assert len(runs) == count and max(runs) < steps * 1e-4 + 0.0021
+
+
 # --- input --------------------------------------------------------------------------------------
 
 
@@ -225,12 +257,19 @@ def test_wrong_model_is_found_out(curved):
         ({"names": ()}, "one or more"),
         ({"names": ("K_1",)}, "names = "),
         ({"bounds": {"M": (1, 2)}}, "bounds for M, not among the fitted"),
-        ({"bounds": {"V_L": (2, 1)}}, "bounds of V_L: 2 to 1; 0 < low < high"),
-        ({"axis": AXIS.replace(F_0=0)}, "bounds of F_0: 0.0 to 0.0"),
+        ({"bounds": {"V_L": (2, 1)}}, r"bounds of V_L: \(2, 1\); 0 < low < high"),
+        ({"bounds": {"V_L": (1, 2, 3)}}, r"bounds of V_L: \(1, 2, 3\); 0 < low < high"),
+        ({"bounds": {"V_L": 2}}, "bounds of V_L: 2; 0 < low < high"),
+        ({"bounds": {"V_L": "12"}}, "bounds of V_L = '12': real numbers"),
+        (
+            {"names": ("F_0",), "axis": AXIS.replace(F_0=0)},
+            r"F_0: .*needed \(it is 0 in the axis\)",
+        ),
         ({"starts": 0}, "starts = 0 is not allowed"),
         ({"starts": True}, "starts = True is a bool"),
         ({"step_size": 1e-5}, "step_size = 1e-05 .* for a Runge-Kutta method"),
         ({"measurement": dataclasses.replace(RECORD, set_velocity=0 * RECORD.t)}, "no motion"),
+        ({"measurement": dataclasses.replace(RECORD, t=1e3 * RECORD.t)}, "record: .*of time"),
     ],
 )
 def test_input_is_checked(changes, message):
@@ -247,6 +286,13 @@ def test_path_in_place_of_a_record_is_refused():
 def test_step_too_coarse_to_run_is_an_error():
     with pytest.raises(IntegrationError, match="blew up"):
         fit(RECORD, AXIS, INSTRUMENT, method=tableaux.RK6, step_size=1e-3)
+
+
+def test_value_of_zero_is_held():
+    axis = AXIS.replace(F_0=0, B_a=0, b_g=0, K_1=AXIS.K_1)
+    one = fit(RECORD, axis, INSTRUMENT, bounds={"B_a": (50, 900)}, starts=1)
+    assert one.names == ("V_L", "B_a", "K_g")
+    assert (one.parameters.F_0, one.parameters.b_g) == (0, 0)
 
 
 def test_value_of_zero_is_fitted_once_it_has_bounds():

@@ -1,5 +1,6 @@
 """Tests of the command line that execute nothing; reruns and checks have files of their own."""
 
+import errno
 import json
 import os
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from armbook.cli import main
+from armsim.paths import DATA
 from reportkit.parameters import read, sources
 from reportkit.project import Project
 
@@ -66,22 +68,91 @@ def test_list_for_scripts(capsys):
         ("rerun 30 -p T_p -1e-3", "T_p = -0.001: expected a number, 0.021 to 4.74 (s)"),
         ("rerun 20 -p T_p_values -1,-.5", "T_p_values = [-1.0, -0.5]: expected a list"),
         ("rerun 30 -p T_p 1 -p T_p 1", "T_p: given twice"),
-        ("rerun 30 -f none.toml", "none.toml: no TOML file of parameters"),
-        ("rerun 30 -f bad.toml", "bad.toml: no TOML file of parameters"),
-        ("rerun 30 -f binary.toml", "binary.toml: no TOML file of parameters"),
+        ("rerun 30 -f none.toml", "none.toml: no TOML file in UTF-8"),
+        ("rerun 30 -f bad.toml", "bad.toml: no TOML file in UTF-8"),
+        ("rerun 30 -f binary.toml", "binary.toml: no TOML file in UTF-8"),
+        ("rerun 30 -f deep.toml", "deep.toml: no TOML file in UTF-8: maximum recursion depth"),
+        ("rerun 30 -f digits.toml", "T_p = 1000"),
+        ("rerun 30 -f hex.toml", "Exceeds the limit (4300 digits)"),
+        ("rerun 30 -f bad.toml -f deep.toml", "-f: given twice"),
+        ("rerun 30 -o a -o b", "-o: given twice"),
+        ("rerun 30 -o bad.toml/runs", "Not a directory: "),
+        ("rerun 30 -o LONG", "File name too long: "),
+        ("rerun 30 -f LONG", "File name too long: "),
+        ("rerun LONG", "no notebook in"),
+        ("rerun 52 -p axis LONG", "there is no such file"),
+        ("rerun 52 -p axis bad\udcff.toml", "its name is not UTF-8"),
+        ("rerun 52 -p axis bad.toml", "bad.toml: not a TOML file in UTF-8"),
+        ("rerun 52 -p axis deep.toml", "deep.toml: not a TOML file in UTF-8"),
+        ("rerun 52 -p measurements bad.toml", "bad.toml, row 1: no column 'T_p ='"),
+        ("rerun 52 -p measurements ms.csv", "record: position varies by 0.0421, summed velocity"),
+        ("rerun 52 -p bounds F_0=[1,2", "bounds = 'F_0=[1,2': expected NAME = [LOW, HIGH]"),
+        ("rerun 52 -p bounds F_0=[2,1]", "bounds of F_0: [2, 1]; 0 < low < high are needed"),
         ("rerun 30 --notebooks .", "no notebooks in ."),
+        ("list --notebooks LONG", "File name too long: "),
+        ("check --results LONG", "File name too long: "),
+        ("check --results .", "no results in .: build them first"),
     ],
 )
 def test_misuse_is_told_in_one_line_and_writes_nothing(empty, capsys, arguments, message):
-    (empty / "bad.toml").write_text("T_p = ")
+    files = {"bad.toml": "T_p = ", "deep.toml": "T_p = " + 5000 * "[", "ms.csv": in_ms(),
+             "digits.toml": f"T_p = {10**400}", "hex.toml": f"T_p = 0x{4400 * 'f'}"}  # fmt: skip
+    for name, text in files.items():
+        (empty / name).write_text(text)
     (empty / "binary.toml").write_bytes(b"\xff\xfe")
-    assert main(arguments.split()) == 2
+    (empty / "bad\udcff.toml").touch()
+    before = sorted(os.listdir(empty))
+    assert main(arguments.replace("LONG", 5000 * "a").split()) == 2
     told = capsys.readouterr()
-    assert told.out == ""
+    assert told.out in ("", "30_nonlinear_step_response: executing\n")
     assert told.err.startswith(f"armsim {arguments.split()[0]}: ")
     assert told.err.count("\n") == 1
     assert message in told.err
-    assert sorted(os.listdir(empty)) == ["bad.toml", "binary.toml"]
+    assert sorted(os.listdir(empty)) == before
+
+
+def in_ms():
+    """The published record, with its times in ms."""
+    lines = (DATA / "measurements" / "x_axis_test.csv").read_text(encoding="utf-8").splitlines()
+    rows = (line.split(",", 1) for line in lines[4:])
+    return "\n".join([lines[3], *(f"{1000 * float(time)},{rest}" for time, rest in rows)])
+
+
+def test_mark_of_byte_order_is_no_error(empty, capsys):
+    """A file of parameters is read with it, as the file of an axis is."""
+    (empty / "bom.toml").write_text("\ufeffT_p = 5\n", encoding="utf-8")
+    assert main("rerun 30 -f bom.toml".split()) == 2
+    assert "T_p = 5: expected a number, 0.021 to 4.74 (s)" in capsys.readouterr().err
+
+
+def test_output_on_a_file_is_refused(empty, capsys):
+    (empty / "runs").touch()
+    assert main(["rerun", "30"]) == 2
+    assert "Error: Invalid value for '-o' / '--output': Directory 'runs' is a file." in (
+        capsys.readouterr().err
+    )
+
+
+def test_expectations_that_cannot_be_written_are_told(empty, capsys, monkeypatch):
+    def write(path, text):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    monkeypatch.setattr("reportkit.text.write", write)
+    record = {"value": 1.0, "unit": "m", "tolerance": None}
+    (empty / "10_model.json").write_text(json.dumps({"new": record}))
+    assert main(["check", "--update", "--results", ".", "--expected", "own"]) == 2
+    told = "armsim check: [Errno 30] Read-only file system: 'own/10_model.json'\n"
+    assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize("arguments", ["list", "check --results {results}"])
+def test_full_disk_is_told_in_one_line(empty, arguments):
+    (empty / "10_model.json").write_text("{}")
+    command = [sys.executable, "-m", "armbook.cli", *arguments.format(results=empty).split()]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    told = f"armsim {command[3]}: [Errno 28] No space left on device\n"
+    assert (done.returncode, done.stderr) == (2, told)
 
 
 @pytest.mark.parametrize("arguments", ["", "rerun", "rerun 10 -p fit", "run 10", "check --force"])

@@ -30,12 +30,36 @@ def test_paths_are_relative_to_the_settings(root):
         ('[tool.reportkit]\nname = "toy"\nnotebook = "n"\n', "notebook"),
         ("[tool.reportkit]\nname = \n", "pyproject.toml"),
         ('[project]\nname = "toy"\n', "or above"),
+        ("# [tool.reportkit]\n", "pyproject.toml"),
+        ("[tool.reportkit]\nname = " + 5000 * "[", "recursion"),
+        ('[tool.reportkit]\nname = "toy \udcff"\n', "pyproject.toml"),
+        ("tool = 3  # [tool.reportkit]\n", "pyproject.toml"),
     ],
 )
 def test_wrong_settings_are_told_in_one_line(root, monkeypatch, capsys, text, message):
-    (root / "pyproject.toml").write_text(text)
+    (root / "pyproject.toml").write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(ProjectError, match=message):
         Project.find(root)
     monkeypatch.chdir(root)
     assert main(["list"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_parameters_are_checked_by_the_function_that_the_settings_name(
+    root, notebook, monkeypatch, capsys
+):
+    """Before a kernel starts, and with the defaults; not those of a notebook from elsewhere."""
+    path = notebook("never executed = 1")
+    with (root / "pyproject.toml").open("a") as file:
+        file.write('[tool.reportkit.checks]\n50_trial = "own_checks:small"\n')
+    (root / "own_checks.py").write_text(
+        "def small(values):\n    raise ArithmeticError(f'{values}: too large')\n"
+    )
+    monkeypatch.syspath_prepend(root)
+    monkeypatch.chdir(root)
+    assert main(["rerun", "trial", "-p", "size", "3"]) == 2
+    told = "toy rerun: {'size': 3.0, 'motion': ''}: too large\n"
+    assert capsys.readouterr() == ("", told)
+    assert not (root / "runs").exists()
+    assert main(["rerun", "trial", "--notebooks", str(path.parent)]) == 1
+    assert "never executed" in capsys.readouterr().err

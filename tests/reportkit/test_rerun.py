@@ -131,7 +131,7 @@ def test_interruption_leaves_nothing(arguments, folder, number):
     process.send_signal(number)
     _, message = process.communicate()
     assert process.returncode == 130
-    assert "nothing written" in message
+    assert message == "50_trial: interrupted, nothing written\n"
     assert list((folder / "runs").iterdir()) == []
 
 

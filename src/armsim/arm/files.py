@@ -1,10 +1,9 @@
 """Files of an axis: records of motion as CSV, constants and instruments as TOML."""
 
-import csv
 import dataclasses
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from armsim.choices import CHOICES
 
 #: Name and unit of a column; matches any text.
 _HEADING = re.compile(r"^\s*(.*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*$", re.DOTALL)
+_COMMAS = "; decimal commas need semicolons or tabs between the cells"
 _HEADER = ",".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
 
 
@@ -33,8 +33,9 @@ def read_measurement(path: str | Path) -> Measurement:
     ----------
     path : path-like
         CSV in UTF-8 with the columns ``time [s]``, ``set_velocity [V]``, ``position [m]``,
-        ``velocity [m/s]`` and ``acceleration [m/s^2]`` in any order, see `Measurement`. Empty
-        lines and lines that start with ``#`` are skipped.
+        ``velocity [m/s]`` and ``acceleration [m/s^2]`` in any order, see `Measurement`. Commas,
+        semicolons or tabs separate the cells, as in the header; with the latter two, numbers may
+        have decimal commas. Empty lines and lines that start with ``#`` or ``sep=`` are skipped.
 
     Raises
     ------
@@ -46,17 +47,20 @@ def read_measurement(path: str | Path) -> Measurement:
     """
     path = Path(path)
     lines = _rows(path)
-    row, header = next(lines, (0, []))
-    if not header:
+    if not lines:
         raise FileError(f"{path}: the file has no header; it is {_HEADER!r}")
-    names = _names(header, f"{path}, row {row}")
-    rows, values = [], []
-    for row, cells in lines:
-        where = f"{path}, row {row}"
+    (head, header), *lines = lines
+    separator = max(",;\t", key=header.count)
+    names = _names(_cells(header, separator), head)
+    comma = separator != "," and any("," in line for _, line in lines)
+    rows, values = [where for where, _ in lines], []
+    for where, line in lines:
+        cells = _cells(line, separator)
         if len(cells) != len(names):
-            raise FileError(f"{where}: {len(cells)} cells; the header has {len(names)} columns")
-        rows.append(where)
-        values.append([_number(cells[n], f"{where}: {name}") for n, name in enumerate(names)])
+            told = f"{where}: {len(cells)} cells; the header has {len(names)} columns"
+            raise FileError(told + _COMMAS * (separator == "," and len(cells) > len(names)))
+        named = zip(cells, names, strict=True)
+        values.append([_number(cell, f"{where}: {name}", comma) for cell, name in named])
     in_order = [names.index(name) for name in COLUMNS]
     columns = np.array(values).reshape(-1, len(COLUMNS)).T[in_order]
     for sample, text in faults(columns):
@@ -82,20 +86,21 @@ def write_measurement(path: str | Path, measurement: Measurement, comment: str =
     Path(path).write_text("\n".join([*head, _HEADER, *body, ""]), encoding="utf-8", newline="\n")
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the row number and the cells of each line that is not empty or a comment."""
+def _rows(path: Path) -> list[tuple[str, str]]:
+    """Place and text of each line that is not empty or a comment."""
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
         text = "\0"
     if "\0" in text:
         raise FileError(f"{path}: not a text file in UTF-8; save the record as CSV, UTF-8")
-    for row, line in enumerate(text.splitlines(), 1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            try:
-                yield row, next(csv.reader([line]))
-            except csv.Error as error:
-                raise FileError(f"{path}, row {row}: {error}") from None
+    lines = ((f"{path}, row {n}", line) for n, line in enumerate(text.splitlines(), 1))
+    # A spreadsheet writes separators in empty lines, and on top a line that names the separator.
+    return [one for one in lines if one[1].strip(" ,;\t") and not re.match(r"\s*#|sep=", one[1])]
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return [cell.strip().strip('"') for cell in line.split(separator)]
 
 
 def _names(header: Sequence[str], where: str) -> list[str]:
@@ -116,11 +121,13 @@ def _names(header: Sequence[str], where: str) -> list[str]:
     return names
 
 
-def _number(cell: str, name: str) -> float:
+def _number(cell: str, name: str, comma: bool) -> float:
+    # Python's 1_000 is not a number in a file, nor is 1.000 where the decimal sign is a comma.
     try:
-        return float(cell.replace("_", "?"))  # Python's 1_000 is not a number in a file
+        return float(cell.translate(str.maketrans("_.,", "??.") if comma else {ord("_"): "?"}))
     except ValueError:
-        raise FileError(f"{name} = {cell!r} is not a number") from None
+        told = "; the file has decimal commas" * comma
+        raise FileError(f"{name} = {cell!r} is not a number{told}") from None
 
 
 # --- axes ---------------------------------------------------------------------------------------
@@ -145,7 +152,7 @@ def read_axis(path: str | Path) -> tuple[AxisParameters, Instrument]:
     """
     try:
         tables = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileError(f"{path}: not a TOML file in UTF-8: {error}") from None
     kinds = {"axis": AxisParameters, "instrument": Instrument}
     _check_names(tables, kinds, f"{path}: table")
@@ -154,7 +161,7 @@ def read_axis(path: str | Path) -> tuple[AxisParameters, Instrument]:
         if not isinstance(table, dict):
             raise FileError(f"{path}: {name} has to be a table, [{name}]")
         if name == "axis" and (choices := table.pop("choices", None)) is not None:
-            if choices not in CHOICES["axis"]:
+            if choices not in [*CHOICES["axis"]]:
                 known = hint(choices, CHOICES["axis"])
                 raise FileError(f"{where}: choices = {choices!r}; {known}")
             table = CHOICES["axis"][choices] | table

@@ -10,16 +10,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import OptimizeResult, brentq, least_squares
 from scipy.stats import qmc
 
 from armsim import parallel
-from armsim.arm.measurement import Instrument, Measurement, signals
+from armsim.arm.measurement import Instrument, Measurement, implausible, signals
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import simulate
-from armsim.checks import checked_count, checked_type
+from armsim.checks import checked_count, checked_type, reals
 from armsim.methods.tableaux import Tableau
 from armsim.parallel import Progress
 
@@ -38,6 +39,8 @@ _RANGE = 3.0
 _STEP_EXACT, _STEP_FIXED = 1e-6, 1e-2
 #: Two starts have found the same minimum if their χ² differ by less than this.
 _SAME = 0.1
+#: Largest number of fixed steps that are stored at a time.
+_STRETCH = 400_000
 #: Residual checks pass up to this many standard deviations.
 SURPRISE = 4.0
 
@@ -62,10 +65,22 @@ class Problem:
 
     def model(self, points: Sequence[np.ndarray]) -> np.ndarray:
         """Signals (r, 3, n) of an ideal instrument at r points, in noise standard deviations."""
-        t, schedule = self.measurement.elapsed, self.measurement.schedule
-        run = partial(simulate, method=self.method, step_size=self.step_size)
-        y = np.array([run(self.parameters(x), schedule, float(t[-1]))(t) for x in points])
-        return signals(y, t, self.axis) / self.instrument.deviations
+        y = np.array([self._states(self.parameters(x)) for x in points])
+        return signals(y, self.measurement.elapsed, self.axis) / self.instrument.deviations
+
+    def _states(self, p: AxisParameters) -> np.ndarray:
+        """States (7, n) at the samples, computed in stretches if there are many fixed steps."""
+        t, changes = self.measurement.elapsed, np.array(self.measurement.schedule)
+        y, size = np.zeros((7, t.size)), t.size
+        if self.step_size is not None:
+            size = max(1, int(_STRETCH * self.step_size / t[1]))
+        run = partial(simulate, p, method=self.method, step_size=self.step_size)
+        for first in range(0, t.size - 1, size):
+            at = t[first : first + size + 1] - t[first]
+            now = np.searchsorted(changes[:, 0], t[first], side="right") - 1
+            volts = [(max(0.0, time - t[first]), u) for time, u in changes[now:].tolist()]
+            y[:, first : first + size + 1] = run(volts, float(at[-1]), y0=y[:, first])(at)
+        return y
 
     @cached_property
     def line(self) -> np.ndarray:
@@ -97,14 +112,11 @@ class Problem:
         return self.detrended(slopes).reshape(len(x), -1).T
 
     def solve(self, start: np.ndarray, slopes: np.ndarray | None = None) -> OptimizeResult:
-        """Minimise from one start; `slopes` is the Jacobian there, if known."""
+        """Minimise from one start; `slopes` is a Jacobian near enough to serve throughout."""
         if not self.names:
             return OptimizeResult(x=start, cost=np.sum(self.residuals(start) ** 2) / 2)
         x0 = np.clip(start, self.low + 1e-9, self.high - 1e-9)
-
-        def jacobian(x: np.ndarray) -> np.ndarray:
-            return self.jacobian(x) if slopes is None or (x != x0).any() else slopes
-
+        jacobian = self.jacobian if slopes is None else lambda _: slopes
         ftol = 1e-10 if self.method is None else 1e-7  # a fixed step makes χ² discontinuous
         how = {"x_scale": "jac", "ftol": ftol, "xtol": 1e-9, "gtol": 1e-9, "max_nfev": 200}
         return least_squares(self.residuals, x0, jacobian, (self.low, self.high), **how)
@@ -188,7 +200,7 @@ def fit(
     axis: AxisParameters,
     instrument: Instrument,
     *,
-    names: Sequence[str] = NAMES,
+    names: Sequence[str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     method: Tableau | None = None,
     step_size: float | None = None,
@@ -206,8 +218,8 @@ def fit(
         stays fixed.
     instrument : Instrument
         Noise of the signals, used to weight the residuals.
-    names : sequence of str
-        Parameters to fit.
+    names : sequence of str, optional
+        Parameters to fit; by default those of `NAMES` that are not zero or have bounds.
     bounds : mapping of name to (low, high), optional
         Positive range of a parameter; default 1/3 to 3 times the axis' value.
     method, step_size : optional
@@ -225,8 +237,8 @@ def fit(
     Raises
     ------
     TypeError, ValueError
-        If a name is unknown or repeated, a bound or the number of starts is invalid, or the set
-        velocity is zero throughout.
+        If a name is unknown or repeated, a bound or the number of starts is invalid, the set
+        velocity is zero throughout, or no values can explain the record; see `implausible`.
     IntegrationError
         If a run fails, for example because the step is too coarse.
 
@@ -240,20 +252,44 @@ def fit(
     >>> print(f"K_g = {found.values[3]:.3g} N/m, give or take {found.standard_errors[3]:.1g}")
     K_g = 5.41e+06 N/m, give or take 3e+03
     """
-    checked_type("measurement", measurement, Measurement)
-    if not measurement.set_velocity.any():
-        raise ValueError("the set velocity is 0 V all the time: there is no motion to fit")
     checked_count("starts", starts)
-    low, high = np.log(_bounds(axis, tuple(names), bounds or {})).T
-    problem = Problem(measurement, axis, instrument, tuple(names), low, high, method, step_size)
+    problem = posed(measurement, axis, instrument, names, bounds, method, step_size)
+    low, high = problem.low, problem.high
     spread = qmc.LatinHypercube(len(low), seed=np.random.default_rng(seed)).random(starts - 1)
-    first = np.log([getattr(axis, name) or 1e-300 for name in names])
+    first = np.log([getattr(axis, name) or 1e-300 for name in problem.names])
     ends = [problem.solve(start) for start in [first, *(low + spread * (high - low))]]
     best = min(ends, key=lambda end: end.cost)
     bias, drift = np.linalg.lstsq(problem.line, -problem.misfit(best.x)[2], rcond=None)[0].tolist()
     covariance, residuals = _covariance(problem.jacobian(best.x)), best.fun.reshape(3, -1)
     ended, nfev = np.array([2 * end.cost for end in ends]), sum(end.nfev for end in ends)
     return Fit(problem, best.x, covariance, residuals, bias, drift, ended, nfev, best.status > 0)
+
+
+def posed(
+    record: Measurement, axis: AxisParameters, noise: Instrument, names: Any, bounds: Any, *how: Any
+) -> Problem:
+    """Check the arguments of `fit`, which explains them, and return its problem."""
+    checked_type("measurement", record, Measurement)
+    if not record.set_velocity.any():
+        raise ValueError("the set velocity is 0 V all the time: there is no motion to fit")
+    for reason in implausible(record, axis, noise):
+        raise ValueError(f"record: {reason}")
+    given, known = dict(bounds or {}), [item.name for item in dataclasses.fields(axis)][:-1]
+    if names is None:
+        names = [name for name in NAMES if name in given or getattr(axis, name) > 0]
+    if not names or not set(names) <= set(known) or len(set(names)) < len(names):
+        needed = f"one or more different parameters are needed, of {', '.join(known)}"
+        raise ValueError(f"names = {names!r}: {needed}")
+    if extra := [name for name in given if name not in names]:
+        raise ValueError(f"bounds for {', '.join(extra)}, not among the fitted {', '.join(names)}")
+    values = {name: getattr(axis, name) for name in names}
+    rows = {name: (value / _RANGE, value * _RANGE) for name, value in values.items()} | given
+    for name, pair in rows.items():
+        ends = reals(f"bounds of {name}", pair)
+        if ends.shape != (2,) or not 0 < ends[0] < ends[1] < math.inf:
+            why = " (it is 0 in the axis)" * (values[name] == 0)
+            raise ValueError(f"bounds of {name}: {pair}; 0 < low < high are needed{why}")
+    return Problem(record, axis, noise, tuple(names), *np.log([*rows.values()]).T, *how)
 
 
 def _covariance(slopes: np.ndarray) -> np.ndarray:
@@ -263,21 +299,6 @@ def _covariance(slopes: np.ndarray) -> np.ndarray:
     _, s, basis = np.linalg.svd(slopes / scale, full_matrices=False)
     root = basis.T / np.maximum(s, 1e-12) / scale[:, None]
     return root @ root.T
-
-
-def _bounds(axis: AxisParameters, names: Sequence[str], given: Mapping) -> np.ndarray:
-    """Lower and upper bound (k, 2) of each parameter."""
-    known = [item.name for item in dataclasses.fields(axis) if item.name != "K_1"]
-    if not names or not set(names) <= set(known) or len(set(names)) < len(names):
-        needed = f"one or more different parameters are needed, of {', '.join(known)}"
-        raise ValueError(f"names = {names!r}: {needed}")
-    if extra := [name for name in given if name not in names]:
-        raise ValueError(f"bounds for {', '.join(extra)}, not among the fitted {', '.join(names)}")
-    defaults = {n: (getattr(axis, n) / _RANGE, getattr(axis, n) * _RANGE) for n in names}
-    for name, (low, high) in (rows := defaults | dict(given)).items():
-        if not 0 < low < high < math.inf:
-            raise ValueError(f"bounds of {name}: {low} to {high}; 0 < low < high are needed")
-    return np.array(list(rows.values()))
 
 
 # --- identifiability ----------------------------------------------------------------------------
@@ -374,10 +395,12 @@ def _end(fit: Fit, n: int, side: int) -> float:
     bounds = float(fit.problem.low[n]), float(fit.problem.high[n])
     reach = side * math.sqrt(RISE) * math.sqrt(fit.covariance[n, n])
 
-    def excess(x: float) -> float:
-        return float(profile(fit, fit.names[n], [math.exp(x)])[0]) - RISE
+    best = inner = outer = float(fit.logarithms[n])
 
-    inner = outer = float(fit.logarithms[n])
+    def excess(x: float) -> float:
+        rise = 0.0 if x == best else float(profile(fit, fit.names[n], [math.exp(x)])[0])
+        return rise - RISE
+
     while True:
         outer = min(max(outer + reach, bounds[0]), bounds[1])
         if excess(outer) > 0:
@@ -398,8 +421,7 @@ class Bootstrap:
 
     def interval(self, share: float = 0.95) -> np.ndarray:
         """Percentile intervals (k, 2) that contain a given share of the estimates."""
-        tail = 100 * (1 - share) / 2
-        return np.percentile(self.values, [tail, 100 - tail], axis=0).T
+        return np.percentile(self.values, [50 * (1 - share), 50 * (1 + share)], axis=0).T
 
 
 def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter) -> Bootstrap:
@@ -426,14 +448,14 @@ def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter)
     """
     checked_count("n", n, least=2)
     problem, start = fit.problem, fit.logarithms
-    # Bias and drift are eliminated from the residuals, so the records omit them.
-    ideal, slopes = problem.model([start])[0], problem.jacobian(start)  # the same for every record
+    # Bias and drift are eliminated from the residuals, so the records omit them. The slopes at the
+    # fit serve throughout: they move an estimate by 1 % of its standard error.
+    ideal, slopes = problem.model([start])[0], problem.jacobian(start)
 
     def refit(stream: np.random.SeedSequence) -> np.ndarray:
         noise = np.random.default_rng(stream).standard_normal(ideal.shape)
-        seen = (ideal + noise) * problem.instrument.deviations
-        columns = dict(zip(SIGNALS, seen, strict=True))
-        record = dataclasses.replace(problem.measurement, **columns)
+        seen = zip(SIGNALS, (ideal + noise) * problem.instrument.deviations, strict=True)
+        record = dataclasses.replace(problem.measurement, **dict(seen))
         return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
 
     values = parallel.each(refit, np.random.SeedSequence(seed).spawn(n), progress)

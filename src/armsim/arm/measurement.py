@@ -8,12 +8,15 @@ import numpy as np
 
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import Schedule
-from armsim.checks import checked_number
+from armsim.checks import checked_number, reals
 
 #: Columns of a record, in the order of `Measurement`, with the unit of each.
 COLUMNS = dict(time="s", set_velocity="V", position="m", velocity="m/s", acceleration="m/s^2")
 #: Smallest number of samples in a record: 60 values for about 7 unknowns.
 MIN_SAMPLES = 20
+#: A signal is clear above so many standard deviations, and sums differ from their signal by less
+#: than this factor.
+_CLEAR, _FACTOR = 10.0, 30.0
 #: Largest deviation of a sampling interval as a share of the median; allows for rounded times.
 _UNEVEN = 0.01
 
@@ -48,7 +51,7 @@ class Measurement:
     acceleration: np.ndarray
 
     def __post_init__(self) -> None:
-        columns = {name: np.array(values, dtype=float) for name, values in vars(self).items()}
+        columns = {name: reals(name, values) for name, values in vars(self).items()}
         shapes = {column.shape for column in columns.values()}
         if shapes != {(columns["t"].size,)}:
             raise ValueError(f"the five columns have shapes {shapes}; five rows (n,) are needed")
@@ -154,6 +157,29 @@ def integrated(record: Measurement, rest: float) -> tuple[np.ndarray, np.ndarray
     still = t >= rest
     velocity = raw - drifting @ np.linalg.lstsq(drifting[still], raw[still], rcond=None)[0]
     return velocity, np.cumsum((velocity - 0.5 * np.diff(velocity, prepend=0.0)) * h)
+
+
+def implausible(record: Measurement, axis: AxisParameters, noise: Instrument) -> Iterator[str]:
+    """Yield why no constants near those of the axis can explain the record."""
+    rows, errors, names = record.signals, noise.deviations.ravel(), [*COLUMNS][2:]
+    top, seen = axis.r_g * axis.V_M / axis.K_b, np.abs(rows[1]).max()
+    if seen > 5 * top + _CLEAR * errors[1]:
+        yield f"velocity up to {seen:.3g} m/s; the limit V_M allows {top:.3g} m/s: check the units"
+    if (np.abs(rows[:2, 0]) > _CLEAR * errors[:2]).any():
+        yield f"begins at {rows[0, 0]:.4g} m, {rows[1, 0]:.4g} m/s; has to begin at rest, at 0 m"
+    h, n = record.elapsed[1], record.t.size
+    # An offset and a drift of an instrument add a parabola to a sum.
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, n), 3))
+    # Between samples the velocity may be another; the acceleration is a mean.
+    for k, aliased in enumerate((0.05 * seen, 0.0)):
+        curves = np.array([rows[k], np.cumsum(rows[k + 1]) * h])
+        sizes = np.linalg.norm(curves - curves @ basis @ basis.T, axis=1) / np.sqrt(n)
+        unsure = errors[k], (errors[k + 1] + aliased) * h * np.sqrt(n)
+        # The motor may move in the backlash, or in a soft gear, while the arm stands still.
+        large = np.argmax(sizes) if k == 0 else 1
+        if sizes[large] > max(_CLEAR * unsure[large], _FACTOR * sizes.min()):
+            vary = f"{names[k]} varies by {sizes[0]:.3g}, summed {names[k + 1]} by {sizes[1]:.3g}"
+            yield f"{vary} {COLUMNS[names[k]]}: check the units of both and of time"
 
 
 def faults(columns: np.ndarray) -> Iterator[tuple[int | None, str]]:
