@@ -8,7 +8,7 @@ notebook or parameter takes minutes::
 Each run is an ``armsim rerun`` into a folder that is thrown away. The ends of ``above LOW`` and
 ``at least LOW`` are a hundredth of the way from LOW to the default, and LOW, and ten times the
 default. A list is tried with its fewest values at either end of the range and, in twice its usual
-number, all over it, and with the default in the opposite order. Of ``A | B`` every alternative is
+number, all over it, and with both ends in either order. Of ``A | B`` every alternative is
 tried, of a bool both; but ``quick`` stays true unless it is named, and paths are left out. When all
 parameters are changed together, one that breaks a condition beside those before it is not.
 
@@ -77,15 +77,16 @@ def ends(parameter: Parameter) -> dict[str, Any]:
         near, halvings = 2.0, math.floor(math.log2(high / low) + 1e-9)
         spread = [high / 2**n for n in range(halvings + 1)]
     else:
-        many = 2 * len(usual) if match["more"] or not match["count"] else fewest
+        many = 2 * len(usual)
         spread = [low * (high / low) ** (n / (many - 1)) for n in range(1, many - 1)]
         spread = sorted({low, high, *map(kind, spread)})
+    both = ordered([low, high]) if fewest <= 2 and not match["halved"] else []
     return {
         "low": ordered([low * near**n for n in range(fewest)]),
         "high": ordered([high / near**n for n in range(fewest)]),
-        "both ends": ordered([low, high]) if fewest <= 2 and not match["halved"] else [],
-        "many": ordered(spread),
-        "in the opposite order": [] if match["halved"] else usual[::-1],
+        "both ends": both,
+        "both ends, in the opposite order": both[::-1],
+        "many": ordered(spread) if match["more"] or not match["count"] else [],
     }
 
 
@@ -162,12 +163,13 @@ def sweep(notebook: Notebook, only: list[str], jobs: int, limit: float) -> tuple
         complaints += [f"only dashes in {table}" for table in dashes - usual[1]]
         refused = code == 2 and any(f"expected {one}" in error for one in notebook.conditions)
         right = refused or (code == 0 and not complaints)
-        told = error or "; ".join(complaints)
+        complaints += [error] if error else []
         if code == 0 and (missing := len(usual[2] - recorded)):
-            told += f" ({missing} of {len(usual[2])} values do not apply)"
-        value = f" {text_of(values[name])}" if name != ALL else ""
+            complaints.append(f"{missing} of {len(usual[2])} values do not apply")
+        told = "; ".join(complaints)
+        value = f": {text_of(values[name])}" if name != ALL else ""
         mark = "ok " if right else "BAD"
-        print(f"{mark} {notebook.name[:2]} {name} {end}:{value}: exit {code}, {seconds:.0f} s"
+        print(f"{mark} {notebook.name[:2]} {name} {end}{value}: exit {code}, {seconds:.0f} s"
               f"{f', {told}' if told else ''}", flush=True)  # fmt: skip
         return right
 
