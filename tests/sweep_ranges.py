@@ -12,16 +12,15 @@ number, all over it, and with both ends in either order. Of ``A | B`` every alte
 tried, of a bool both; but ``quick`` stays true unless it is named, and paths are left out. When all
 parameters are changed together, one that breaks a condition beside those before it is not.
 
-A run is right if it ends with exit code 0, no table has a ``nan``, and none consists of dashes that
-does not so by default; or if a condition refuses the value before anything runs. The exit code is 0
-if all are right.
+A run is right if it ends with exit code 0, no table has a ``nan``, and none is mostly dashes that
+is not so in the book, or by default if the book is not built; or if a condition refuses the value
+before anything runs. The exit code is 0 if all are right.
 """
 
 import argparse
 import json
 import math
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -30,7 +29,7 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from reportkit import parameters
 from reportkit.parameters import Notebook, Parameter, ParameterError
@@ -115,71 +114,75 @@ def text_of(value: Any) -> str:
     return ",".join(map(repr, value)) if isinstance(value, list) else str(value)
 
 
-def run(
-    notebook: Notebook, values: Mapping[str, Any], limit: float
-) -> tuple[int, float, str, Path]:
-    """Rerun: exit code, seconds, the last line of the errors, and the folder of the results."""
-    parent = Path(tempfile.mkdtemp(prefix="sweep-"))
+class Outcome(NamedTuple):
+    """How a rerun ended, and what it made."""
+
+    code: int
+    seconds: float
+    error: str  # last line
+    nan: set[str]  # tables with a NaN
+    dashes: set[str]  # tables that are mostly dashes
+    recorded: set[str]  # names of values
+
+
+def run(notebook: Notebook, values: Mapping[str, Any], limit: float | None) -> Outcome:
+    """Rerun a notebook with some values, for no longer than some seconds."""
     given = [part for name, value in values.items() for part in ("-p", name, text_of(value))]
     command = [sys.executable, "-m", "armbook.cli", "rerun", notebook.name, *given]
     begin = time.perf_counter()
-    with subprocess.Popen(
-        [*command, "-o", str(parent)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            errors = process.communicate(timeout=limit)[1]
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGTERM)  # armsim ends its kernel by it
-            errors = process.communicate()[1] + f"\nstopped after {limit:g} s"
-    lines = errors.strip().splitlines() or [""]
-    made = next(parent.glob("[0-9]*"), parent)
-    return process.returncode, time.perf_counter() - begin, lines[-1].strip(), made
+    with tempfile.TemporaryDirectory(prefix="sweep-") as parent:
+        command += ["-o", parent]
+        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+        with subprocess.Popen(command, text=True, **silent) as process:
+            try:
+                errors = process.communicate(timeout=limit)[1]
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGTERM)  # armsim ends its kernel by it
+                errors = f"{process.communicate()[1]}\nstopped after {limit:g} s"
+        last = (errors.strip().splitlines() or [""])[-1].strip()
+        made = next(Path(parent).glob("[0-9]*"), Path(parent))
+        found = without_numbers(made, notebook.name)
+    return Outcome(process.returncode, time.perf_counter() - begin, last, *found)
 
 
-def without_numbers(folder: Path) -> tuple[set[str], set[str], set[str]]:
-    """Tables with a NaN, tables that consist of dashes, and the names of recorded values."""
-    nan, dashes, recorded = set(), set(), set()
-    for path in folder.glob("[0-9]*.md"):
+def without_numbers(folder: Path, name: str) -> tuple[set[str], set[str], set[str]]:
+    """Tables with a NaN, tables that are mostly dashes, and the names of recorded values."""
+    nan, dashes, recorded = set(), set(), set[str]()
+    for path in folder.glob(f"{name}-*.md"):
         rows = [line.strip("|").split("|") for line in path.read_text("utf-8").splitlines()[2:]]
         cells = [cell.strip() for row in rows for cell in row[1:]]
         if any(re.search(r"\b(nan|inf)\b", cell, re.IGNORECASE) for cell in cells):
             nan.add(path.stem)
         if cells.count("–") > len(cells) / 2 or not cells:
             dashes.add(path.stem)
-    for path in folder.glob("[0-9]*.json"):
-        recorded |= set(json.loads(path.read_text("utf-8")))
+    if (path := folder / f"{name}.json").is_file():
+        recorded = set(json.loads(path.read_text("utf-8")))
     return nan, dashes, recorded
 
 
-def sweep(notebook: Notebook, only: list[str], jobs: int, limit: float) -> tuple[int, int]:
+def sweep(notebook: Notebook, only: list[str], jobs: int, limit: float | None) -> tuple[int, int]:
     """Run and tell all ends of a notebook; return how many there are and how many are not right."""
 
     def one(trial: tuple[str, str, dict[str, Any]]) -> bool:
         name, end, values = trial
-        code, seconds, error, folder = run(notebook, values, limit)
-        nan, dashes, recorded = without_numbers(folder)
-        shutil.rmtree(folder.parent if folder.name[0].isdigit() else folder)
-        complaints = [f"NaN in {table}" for table in nan - usual[0]]
-        complaints += [f"only dashes in {table}" for table in dashes - usual[1]]
-        refused = code == 2 and any(f"expected {one}" in error for one in notebook.conditions)
-        right = refused or (code == 0 and not complaints)
-        complaints += [error] if error else []
-        if code == 0 and (missing := len(usual[2] - recorded)):
-            complaints.append(f"{missing} of {len(usual[2])} values do not apply")
-        told = "; ".join(complaints)
+        got = run(notebook, values, limit)
+        complaints = [f"NaN in {table}" for table in got.nan - nan]
+        complaints += [f"dashes in {table}" for table in got.dashes - dashes]
+        conditions = (f"expected {condition}" in got.error for condition in notebook.conditions)
+        right = (got.code == 2 and any(conditions)) or (got.code == 0 and not complaints)
+        complaints += [got.error] if got.error else []
+        if got.code == 0 and (missing := len(recorded - got.recorded)):
+            complaints.append(f"{missing} of {len(recorded)} values do not apply")
         value = f": {text_of(values[name])}" if name != ALL else ""
-        mark = "ok " if right else "BAD"
-        print(f"{mark} {notebook.name[:2]} {name} {end}{value}: exit {code}, {seconds:.0f} s"
-              f"{f', {told}' if told else ''}", flush=True)  # fmt: skip
+        told = f"{notebook.name[:2]} {name} {end}{value}: exit {got.code}, {got.seconds:.0f} s"
+        print("ok " if right else "BAD", "; ".join([told, *complaints]), flush=True)
         return right
 
-    code, seconds, error, folder = run(notebook, {}, limit)
-    print(f"{'BAD' if code else 'ok '} {notebook.name[:2]} defaults: exit {code}, {seconds:.0f} s"
-          f"{f', {error}' if error else ''}", flush=True)  # fmt: skip
-    usual = without_numbers(folder)
-    shutil.rmtree(folder.parent)
+    nan, dashes, recorded = without_numbers(PROJECT.results, notebook.name)
+    if not recorded:
+        *_, nan, dashes, recorded = run(notebook, {}, limit)
     with ThreadPoolExecutor(jobs) as pool:
-        results = [not code, *pool.map(one, trials(notebook, only))]
+        results = [*pool.map(one, trials(notebook, only))]
     return len(results), results.count(False)
 
 
@@ -189,13 +192,12 @@ def main() -> int:
     parser.add_argument("notebooks", nargs="*", help="numbers or names; all by default")
     parser.add_argument("-p", "--parameter", action="append", default=[], help="only this one")
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time")
-    parser.add_argument("--limit", type=float, default=math.inf, help="seconds a run may take")
+    parser.add_argument("--limit", type=float, help="seconds a run may take")
     given = parser.parse_args()
     choices = PROJECT.read_choices()
     names = given.notebooks or [path.stem for path in parameters.sources(PROJECT.notebooks)]
     notebooks = [parameters.find(name, PROJECT.notebooks, choices) for name in names]
-    limit = given.limit if given.limit < math.inf else 10**6
-    counts = [sweep(one, given.parameter, given.jobs, limit) for one in notebooks]
+    counts = [sweep(one, given.parameter, given.jobs, given.limit) for one in notebooks]
     runs, wrong = map(sum, zip(*counts, strict=True))
     print(f"{runs} runs, {wrong} not right")
     return int(wrong > 0)
