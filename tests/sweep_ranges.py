@@ -153,7 +153,7 @@ def without_numbers(folder: Path, name: str) -> tuple[set[str], set[str], set[st
         cells = [cell.strip() for row in rows for cell in row[1:]]
         if any(re.search(r"\b(nan|inf)\b", cell, re.IGNORECASE) for cell in cells):
             nan.add(path.stem)
-        if cells.count("–") > len(cells) / 2 or not cells:
+        if cells.count("–") > len(cells) / 2:
             dashes.add(path.stem)
     if (path := folder / f"{name}.json").is_file():
         recorded = set(json.loads(path.read_text("utf-8")))

@@ -44,6 +44,8 @@ def test_list_of_one_tells_default_help_and_range(capsys):
     assert "T_p = 0.04\n" in text
     assert "0.021 to 4.74 (s)" in text
     assert "20_linear" not in text
+    assert main(["list", "52"]) == 0
+    assert "\n    only with fine_step < coarse_step\n" in capsys.readouterr().out
 
 
 def test_list_for_scripts(capsys):
@@ -54,6 +56,7 @@ def test_list_for_scripts(capsys):
         {"name": "fit", "default": "ndp", "unit": None, "help": "column of Table 5",
          "allowed": "ndp | rk6", "type": "str"}
     ]  # fmt: skip
+    assert model["conditions"] == []
 
 
 @pytest.mark.parametrize(
@@ -66,6 +69,11 @@ def test_list_for_scripts(capsys):
         ("rerun 30 -p T_p -1e-3", "T_p = -0.001: expected a number, 0.021 to 4.74 (s)"),
         ("rerun 20 -p T_p_values -1,-.5", "T_p_values = [-1.0, -0.5]: expected a list"),
         ("rerun 30 -p T_p 1 -p T_p 1", "T_p: given twice"),
+        ("rerun 60 -p step_sizes 9e-5,8e-5,4e-5,2e-5,1e-5,5e-6", "each half of the one before"),
+        (
+            "rerun 52 -p coarse_step 5e-6",
+            "fine_step = 5e-06, coarse_step = 5e-06: expected fine_step < coarse_step",
+        ),
         ("rerun 30 -f none.toml", "none.toml: no TOML file of parameters"),
         ("rerun 30 -f bad.toml", "bad.toml: no TOML file of parameters"),
         ("rerun 30 -f binary.toml", "binary.toml: no TOML file of parameters"),
