@@ -181,8 +181,9 @@ class RamanAmplifier:
         of_power = np.linalg.eigvals(np.diag(growth_rate(power, *self.args)) + coupling)
         return float(np.abs(of_power).max()), float(np.abs(np.linalg.eigvals(coupling)).max())
 
+    @np.errstate(over="ignore")
     def error(self, power: np.ndarray) -> float:
-        """Largest relative error of powers computed for the end of the fibre."""
+        """Largest relative error of powers computed for the end of the fibre, inf if too large."""
         return float(np.abs(power / self.output_power - 1).max())
 
     # --- solvers
@@ -216,8 +217,7 @@ class RamanAmplifier:
         return run.nfev, np.exp(run.y[:, -1])
 
     def _solved(self, function: Callable, start: np.ndarray, method: str, **options: Any) -> Any:
-        span = 0.0, self.length
-        return solve_ivp(function, span, start, method, args=self.args, **options)
+        return solve_ivp(function, (0.0, self.length), start, method, args=self.args, **options)
 
     def steps_for(self, target: float, method: Tableau, form: Form) -> float:
         """Fewest steps for which the relative error is at most `target`; see `fewest`."""
