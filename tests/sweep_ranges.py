@@ -5,12 +5,13 @@ notebook or parameter takes minutes::
 
     .venv/bin/python tests/sweep_ranges.py 54 60 -p grid -p repetitions --jobs 2
 
-Each run is an ``armsim rerun`` into a folder that is thrown away. The ends of ``above LOW`` and
-``at least LOW`` are a hundredth of the way from LOW to the default, and LOW, and ten times the
-default. A list is tried with its fewest values at either end of the range and, in twice its usual
-number, all over it, and with both ends in either order. Of ``A | B`` every alternative is
-tried, of a bool both; but ``quick`` stays true unless it is named, and paths are left out. When all
-parameters are changed together, one that breaks a condition beside those before it is not.
+Each run is an ``armsim rerun`` into a folder that is thrown away. The mean of both ends is tried as
+well, because it has more digits. The low end of ``above LOW`` is a hundredth of the way from LOW to
+the default, and the high end of it and of ``at least LOW`` is ten times the default. A list is
+tried with its fewest values at either end of the range, with one value at each end in either order,
+and with twice its usual number of values all over the range. Of ``A | B`` every alternative is
+tried, and of a bool both; but ``quick`` stays true unless it is named, and paths are left out. When
+all parameters are changed together, one that breaks a condition beside those before it is not.
 
 A run is right if it ends with exit code 0, no table has a ``nan``, and none is mostly dashes that
 is not so in the book, or by default if the book is not built; or if a condition refuses the value
@@ -62,7 +63,7 @@ def ends(parameter: Parameter) -> dict[str, Any]:
         return {text: kind(text) for text in re.split(r"\s*\|\s*", allowed)}
     if not isinstance(usual, list):
         low, high = bounds(allowed, [usual])
-        return {"low": kind(low), "high": kind(high)}
+        return {"low": kind(low), "high": kind(high), "between": kind((low + high) / 2)}
     match = parameters._LIST.fullmatch(allowed)
     assert match
     fewest, (low, high) = int(match["count"] or 1), bounds(match["range"], usual)
