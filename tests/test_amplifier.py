@@ -268,6 +268,11 @@ def test_a_breakdown_has_no_error():
     assert np.isnan(strong.error(strong.run(tableaux.EULER, "additive", 64)[:, -1]))
 
 
+def test_an_error_too_large_for_a_float_is_infinite():
+    with np.errstate(over="raise"):
+        assert AMPLIFIER.error(np.full_like(AMPLIFIER.input_power, 1e308)) == np.inf
+
+
 def test_scaling_multiplies_every_power():
     assert AMPLIFIER.scaled(3.0).input_power == pytest.approx(3 * AMPLIFIER.input_power)
     assert AMPLIFIER.scaled(3.0).length == AMPLIFIER.length

@@ -181,8 +181,9 @@ class RamanAmplifier:
         of_power = np.linalg.eigvals(np.diag(growth_rate(power, *self.args)) + coupling)
         return float(np.abs(of_power).max()), float(np.abs(np.linalg.eigvals(coupling)).max())
 
+    @np.errstate(over="ignore")
     def error(self, power: np.ndarray) -> float:
-        """Largest relative error of powers computed for the end of the fibre."""
+        """Largest relative error of powers computed for the end of the fibre, inf if too large."""
         return float(np.abs(power / self.output_power - 1).max())
 
     # --- solvers

@@ -81,7 +81,7 @@ def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | N
 def _described(notebook: parameters.Notebook) -> dict[str, Any]:
     items = (asdict(one) | {"type": one.kind.__name__} for one in notebook.parameters.values())
     about = {key: getattr(notebook, key) for key in ("name", "title", "summary")}
-    return about | {"parameters": list(items)}
+    return about | {"parameters": list(items), "conditions": list(notebook.conditions)}
 
 
 def _shown(notebook: parameters.Notebook, width: int) -> str:
@@ -92,6 +92,7 @@ def _shown(notebook: parameters.Notebook, width: int) -> str:
     for item in notebook.parameters.values():
         default = json.dumps(item.default, ensure_ascii=False)
         lines += [fill(f"{item.name} = {default}", 4, 4), fill(f"{item.help}: {item.wanted}", 8)]
+    lines += [fill(f"only with {one}", 4, 4) for one in notebook.conditions]
     return "\n".join(lines) + "\n"
 
 

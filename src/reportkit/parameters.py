@@ -11,8 +11,14 @@ lines above::
 
 For a number the unit comes first (1 if it has none), then the meaning, then the allowed range:
 ``LOW to HIGH``, ``above LOW``, ``at least LOW`` or ``A | B``; for a list the same after ``each``,
-with the number of values before it if that matters. A bool needs only the help text. A default is
-a literal, or an entry of the report's choices, such as ``CHOICES["move"]["velocity"]``.
+with the number of values before it if that matters, and ``each half of the one before,`` if it
+has to be. A bool needs only the help text. A default is a literal, or an entry of the report's
+choices, such as ``CHOICES["move"]["velocity"]``.
+
+What two parameters have to fulfil together stands on a line of its own, with ``<``, ``<=`` or
+``!=`` between their names, and is checked before anything runs::
+
+    # require: fine_step < coarse_step
 """
 
 import ast
@@ -20,11 +26,12 @@ import difflib
 import io
 import json
 import math
+import operator
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from pathlib import Path
 from tokenize import COMMENT, generate_tokens
 from typing import Any
@@ -32,7 +39,12 @@ from typing import Any
 from reportkit.text import studies
 
 _SYMBOLS = set("1 % s ms µs V A m mm µm km kg N J W mW Hz rad Ω H".split())
-_LIST = re.compile(r"(?:(?P<count>\d+)(?P<more> or more)? values, )?each (?P<range>.+)")
+_LIST = re.compile(
+    r"(?:(?P<count>\d+)(?P<more> or more)? values, )?"
+    r"(?P<halved>each half of the one before, )?each (?P<range>.+)"
+)
+_REQUIRE = re.compile(r"^# require: *(.*)", re.MULTILINE)
+_RELATIONS = {"<": operator.lt, "<=": operator.le, "!=": operator.ne}
 _BOOLS = {"true": True, "yes": True, "false": False, "no": False}
 _KINDS = {float: "a number", int: "an integer", bool: "true or false", str: "a text"}
 
@@ -121,6 +133,8 @@ class Parameter:
         values = [self._checked(one, match["range"], value) for one in value]
         if len(set(values)) < len(values):
             raise ParameterError(f"{self.name} = {value}: each value only once")
+        if match["halved"] and any(not math.isclose(a, 2 * b) for a, b in pairwise(values)):
+            raise self._refusal(value)
         return values
 
     def _read(self, text: str) -> Any:
@@ -167,6 +181,10 @@ class Notebook:
     title: str
     summary: str
     parameters: Mapping[str, Parameter]
+    conditions: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        self.values((), {})
 
     @property
     def name(self) -> str:
@@ -179,14 +197,26 @@ class Notebook:
         Raises
         ------
         ParameterError
-            If there is no such parameter, it is given twice, or its value is not allowed.
+            If there is no such parameter, it is given twice, or its value is not allowed, alone
+            or beside the others.
         """
         values: dict[str, Any] = {}
         for name, text in texts:
             if name in values:
                 raise ParameterError(f"{name}: given twice")
             values[name] = self._parameter(name).parse(text)
-        return {name: self._parameter(name).check(v) for name, v in table.items()} | values
+        values = {name: self._parameter(name).check(v) for name, v in table.items()} | values
+        whole = {name: item.default for name, item in self.parameters.items()} | values
+        for condition in self.conditions:
+            try:
+                one, relation, other = condition.split()
+                holds = _RELATIONS[relation](whole[one], whole[other])
+            except (LookupError, ValueError, TypeError):
+                raise ParameterError(f"{condition!r} is no condition") from None
+            if not holds:
+                given = ", ".join(f"{name} = {whole[name]!r}" for name in (one, other))
+                raise ParameterError(f"{given}: expected {condition}")
+        return values
 
     def _parameter(self, name: str) -> Parameter:
         if name not in self.parameters:
@@ -215,10 +245,11 @@ def read(path: Path, choices: Mapping[str, Any] | None = None) -> Notebook:
     tagged = (cell for cell in cells if "parameters" in cell["metadata"].get("tags", ()))
     own = next(tagged, {"source": ""})["source"]
     try:
-        found = {item.name: item for item in _parameters(own, choices or {})}
+        conditions = _REQUIRE.findall(own)
+        found = {item.name: item for item in _parameters(_REQUIRE.sub("", own), choices or {})}
+        return Notebook(path, title.lstrip("# "), summary, found, conditions)
     except (SyntaxError, ValueError, LookupError) as error:
         raise ParameterError(f"{path}: {error}") from None
-    return Notebook(path, title.lstrip("# "), summary, found)
 
 
 def find(name: str, folder: Path, choices: Mapping[str, Any] | None = None) -> Notebook:

@@ -67,6 +67,15 @@ def test_what_does_not_ring_has_no_frequency(published):
     assert np.isnan(loop_ringing(published)).all()  # it ends 0.15 s after the last event
 
 
+def test_ringing_that_dies_away_to_rounding_errors_divides_by_no_zero():
+    """Of the last top, 1 - 2**-53, 1, 1, the second difference rounds to zero if 2 comes first."""
+    t = np.arange(44.0)
+    signal = 1 + 0.1 * 0.9**t * np.cos(np.pi * t / 4)
+    signal[40:] = 1 - 2.0**-53, 1.0, 1.0, 0.5
+    with np.errstate(divide="raise", invalid="raise"):
+        assert np.isfinite(ringing(t, signal)).all()
+
+
 def test_the_gear_rings_with_its_own_mode(published):
     """Two masses on a spring with a damper, while the current is held at its limit."""
     p = published.parameters

@@ -46,6 +46,8 @@ def test_list_of_one_tells_default_help_and_range(capsys):
     assert "T_p = 0.04\n" in text
     assert "0.021 to 4.74 (s)" in text
     assert "20_linear" not in text
+    assert main(["list", "52"]) == 0
+    assert "\n    only with fine_step < coarse_step\n" in capsys.readouterr().out
 
 
 def test_list_for_scripts(capsys):
@@ -56,6 +58,7 @@ def test_list_for_scripts(capsys):
         {"name": "fit", "default": "ndp", "unit": None, "help": "column of Table 5",
          "allowed": "ndp | rk6", "type": "str"}
     ]  # fmt: skip
+    assert model["conditions"] == []
 
 
 @pytest.mark.parametrize(
@@ -88,6 +91,11 @@ def test_list_for_scripts(capsys):
         ("rerun 52 -p measurements ms.csv", "record: position varies by 0.0421, summed velocity"),
         ("rerun 52 -p bounds F_0=[1,2", "bounds = 'F_0=[1,2': expected NAME = [LOW, HIGH]"),
         ("rerun 52 -p bounds F_0=[2,1]", "bounds of F_0: [2, 1]; 0 < low < high are needed"),
+        ("rerun 60 -p step_sizes 9e-5,8e-5,4e-5,2e-5,1e-5,5e-6", "each half of the one before"),
+        (
+            "rerun 52 -p coarse_step 5e-6",
+            "fine_step = 5e-06, coarse_step = 5e-06: expected fine_step < coarse_step",
+        ),
         ("rerun 30 --notebooks .", "no notebooks in ."),
         ("list --notebooks LONG", "File name too long: "),
         ("check --results LONG", "File name too long: "),

@@ -19,6 +19,12 @@ steps = [
     5e-5,
 ]
 motion = ""  # measured motion, empty for the published one; path
+least = 1  # 1, least number of runs; 0 to 9
+# 1, sizes; 2 or more values, each half of the one before, each 1 to 64
+halves = [4, 2]
+
+# require: least < count
+# require: gain != count
 """
 
 
@@ -42,7 +48,7 @@ def test_comments_tell_unit_help_and_range(notebook):
     found = read(notebook())
     assert found.title == "The title"
     assert found.summary == "See eq. (3), for what it does."
-    T_p, count, gain, fit, quick, steps, motion = found.parameters.values()
+    T_p, count, gain, fit, quick, steps, motion, _, halves = found.parameters.values()
     assert (T_p.default, T_p.unit, T_p.help) == (0.04, "s", "time constant")
     assert T_p.wanted == "a number, 0.001 to 10 (s)"
     assert count.wanted == "an integer, at least 1"
@@ -51,6 +57,10 @@ def test_comments_tell_unit_help_and_range(notebook):
     assert steps.help == "step sizes of the runs"
     assert steps.wanted == "a list of numbers, 2 or more values, each above 0 (s)"
     assert motion.wanted == "a file"
+    assert halves.wanted == (
+        "a list of integers, 2 or more values, each half of the one before, each 1 to 64"
+    )
+    assert found.conditions == ["least < count", "gain != count"]
 
 
 @pytest.mark.parametrize(
@@ -67,6 +77,7 @@ def test_comments_tell_unit_help_and_range(notebook):
         ("steps", "[1e-4, 2]", [1e-4, 2.0]),
         ("steps", "1,2,3,", [1.0, 2.0, 3.0]),
         ("motion", "", ""),
+        ("halves", "64,32,16,8", [64, 32, 16, 8]),
     ],
 )
 def test_texts_become_values(notebook, name, text, value):
@@ -94,6 +105,8 @@ def test_texts_become_values(notebook, name, text, value):
         ("steps", "1,1", "steps = .*: each value only once"),
         ("steps", "", "steps = '': expected a list"),
         ("motion", "none.csv", "motion = 'none.csv': there is no such file"),
+        ("halves", "64,16", r"halves = \[64, 16\]: expected .* each half of the one before"),
+        ("halves", "8,16", r"halves = \[8, 16\]: expected .* each half of the one before"),
     ],
 )
 def test_text_that_will_not_do_is_refused(notebook, name, text, message):
@@ -130,6 +143,18 @@ def test_texts_win_over_a_table(notebook):
         found.values([("T_p", "2"), ("T_p", "2")], {})
 
 
+def test_conditions_between_parameters_are_checked_with_the_defaults_of_the_others(notebook):
+    found = read(notebook())
+    assert found.values([("least", "4")], {"count": 5}) == {"least": 4, "count": 5}
+    for given, told in (
+        ({"least": 3}, "least = 3, count = 3: expected least < count"),
+        ({"count": 1}, "least = 1, count = 1: expected least < count"),
+        ({"count": 4, "gain": 4}, "gain = 4, count = 4: expected gain != count"),
+    ):
+        with pytest.raises(ParameterError, match=told):
+            found.values([], given)
+
+
 def test_path_is_taken_from_where_the_caller_is(notebook, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "own.csv").touch()
@@ -159,6 +184,12 @@ def test_path_is_taken_from_where_the_caller_is(notebook, tmp_path, monkeypatch)
         "steps = [1.0]  # s, steps; 2 values, each 0 to 2",
         "value = None  # s, value; 0 to 1",
         "value = (",
+        "a = 1  # 1, value; 1 to 2\n# require: a < b",
+        "a = 1  # 1, value; 1 to 2\n# require: a > a",
+        "a = 1  # 1, value; 1 to 2\n# require: a < a",
+        "a = 1  # 1, value; 1 to 2\n# require: a != a != a",
+        "a = 1  # 1, value; 1 to 2\n# require:",
+        "a = 1  # 1, value; 1 to 2\nb = ''  # a file; path\n# require: a < b",
     ],
 )
 def test_malformed_comment_names_the_notebook(notebook, line):

@@ -267,7 +267,7 @@ def ringing(t: np.ndarray, signal: np.ndarray) -> tuple[float, float]:
     moving = np.flatnonzero(slope)  # two equal samples can be a top
     top = moving[:-1][slope[moving[:-1]] * slope[moving[1:]] < 0] + 1
     left, middle, right = signal[top - 1], signal[top], signal[top + 1]
-    shift = (left - right) / (2 * (left - 2 * middle + right))
+    shift = (left - right) / (2 * ((left - middle) + (right - middle)))  # never 0 at a top
     times = t[top] + shift * (t[1] - t[0])
     values = middle - shift * (left - right) / 4
     amplitudes = np.abs(np.diff(values))
