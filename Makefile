@@ -52,6 +52,8 @@ help:
 book: $(BUILT)
 	@echo "The report: $$PWD/_build/html/index.html"
 
+# The lock is complete, and nothing is left to resolve: where a package asks for another with an
+# extra, the resolver would look at a newer version than the lock has, and stop for lack of a hash.
 $(LOCKED): environment.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
 	  { echo 'armsim needs Python 3.11, 3.12 or 3.13, and $(PYTHON) is'; $(PYTHON) --version; \
@@ -62,9 +64,10 @@ $(LOCKED): environment.txt
 	@rm -f $@
 	@$(PYTHON) -m venv --clear $(VENV)
 	@echo 'Installing the locked packages, a minute or two'
-	@set -o pipefail; $(BIN)/python -m pip install --require-hashes -r environment.txt | \
+	@set -o pipefail; $(BIN)/python -m pip install --no-deps --require-hashes -r environment.txt | \
 	  awk '/^(Collecting|Processing)/ && ++n % 25 == 0 { print "  " n " packages fetched"; fflush() } \
 	       /^Installing/ { print "  installing " n " packages"; fflush() }'
+	@$(BIN)/python -m pip check > /dev/null || $(BIN)/python -m pip check >&2
 	@touch $@
 
 # The package itself. A change of pyproject.toml that matters to results changes the lock too. The
