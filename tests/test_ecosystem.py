@@ -135,10 +135,12 @@ def test_tableaux_are_equal_by_their_coefficients():
     assert tableaux.DP4 != tableaux.DP5
 
 
-def test_dense_output_and_errors_can_be_pickled():
+def test_solver_classes_dense_output_and_errors_can_be_pickled():
     solver = fixed_step_solver(tableaux.RK6, 0.1, "exponential", shift=[1.0])
     run = solve_ivp(decay, (0, 1), [1.0], method=solver, dense_output=True)
     assert np.array_equal(pickle.loads(pickle.dumps(run)).sol(0.3), run.sol(0.3))
+    again = solve_ivp(decay, (0, 1), [1.0], method=pickle.loads(pickle.dumps(solver)))
+    assert np.array_equal(again.y, run.y)
     failure = CaseError("case 3: no")
     failure.case = 3
     assert pickle.loads(pickle.dumps(failure)).case == 3

@@ -3,6 +3,7 @@
 import dataclasses
 import pickle
 import tomllib
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -116,7 +117,8 @@ def test_starts_that_end_elsewhere_are_counted(found):
 
 def test_fewer_parameters_can_be_fitted():
     truth = AXIS.replace(K_1=AXIS.K_1, **TRUTH["axis"])
-    one = fit(RECORD, truth, INSTRUMENT, names=["b_g"], bounds={"b_g": (500, 2000)}, starts=1)
+    bounds = {"b_g": (500, Fraction(2000))}
+    one = fit(RECORD, truth, INSTRUMENT, names=["b_g"], bounds=bounds, starts=1)
     assert abs(one.values[0] - TRUE[2]) < 3 * one.standard_errors[0]
     assert one.saturation_current == (3 * TRUE[0], 0)
     (only,) = identifiability(one)

@@ -283,9 +283,10 @@ def posed(
     if extra := [name for name in given if name not in names]:
         raise ValueError(f"bounds for {', '.join(extra)}, not among the fitted {', '.join(names)}")
     values = {name: getattr(axis, name) for name in names}
-    rows = {name: (value / _RANGE, value * _RANGE) for name, value in values.items()} | given
+    rows: dict[str, Any] = {n: (value / _RANGE, value * _RANGE) for n, value in values.items()}
+    rows |= given
     for name, pair in rows.items():
-        ends = reals(f"bounds of {name}", pair)
+        rows[name] = ends = reals(f"bounds of {name}", pair)
         if ends.shape != (2,) or not 0 < ends[0] < ends[1] < math.inf:
             why = " (it is 0 in the axis)" * (values[name] == 0)
             raise ValueError(f"bounds of {name}: {pair}; 0 < low < high are needed{why}")

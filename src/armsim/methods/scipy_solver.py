@@ -1,5 +1,6 @@
 """Fixed-step solvers for `scipy.integrate.solve_ivp`, made from a tableau."""
 
+import copyreg
 import math
 import warnings
 from collections.abc import Callable
@@ -25,6 +26,19 @@ class _Hermite(DenseOutput):
         h = self.t - self.t_old
         ends = self._ends if t.ndim == 0 else self._ends[:, :, None]
         return runge_kutta.hermite((t - self.t_old) / h, h, *ends)
+
+
+class _Made(type):
+    """Type of the classes that `fixed_step_solver` makes; they are pickled as its arguments."""
+
+    arguments: tuple
+
+
+def _how_made(made: _Made) -> Any:
+    return fixed_step_solver, made.arguments
+
+
+copyreg.pickle(_Made, _how_made)
 
 
 def fixed_step_solver(
@@ -58,9 +72,10 @@ def fixed_step_solver(
     step_size = checked_number("step_size", step_size, above=0.0)
     checked_type("tableau", tableau, Tableau, "tableaux.RK6")
 
-    class FixedStep(OdeSolver):
+    class FixedStep(OdeSolver, metaclass=_Made):
         """Fixed-step solver for one tableau, with cubic Hermite dense output."""
 
+        arguments = tableau, step_size, form, shift
         t: float
         y: np.ndarray
 
