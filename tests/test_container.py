@@ -27,10 +27,10 @@ def instructions():
     return [tuple(line.split(maxsplit=1)) for line in lines if line]
 
 
-def copy(destination):
-    """Copy what ``COPY .`` takes: all but the names and paths in .dockerignore."""
+def copy(destination, *more):
+    """Copy what ``COPY .`` takes: all but the paths in .dockerignore, and but some more."""
     lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
-    patterns = [line for line in lines if line and not line.startswith("#")]
+    patterns = [line for line in lines if line and not line.startswith("#")] + [*more]
 
     def left_out(folder, names):
         paths = {name: Path(folder, name).relative_to(ROOT).as_posix() for name in names}
@@ -45,7 +45,7 @@ def copy(destination):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("container") / "armsim"
-    copy(folder)
+    copy(folder, ".git")  # where git may be at work
     return folder
 
 
