@@ -132,11 +132,19 @@ check: style book
 	@echo 'Running the tests'
 	@$(PYTEST)
 
+# A file against the schema of the service that reads it.
+VALID = @$(BIN)/python -m check_jsonschema --quiet --builtin-schema vendor.$(1) $(2)
 style: $(INSTALLED)
 	@echo 'Checking style and types'
 	@$(BIN)/python -m ruff check .
 	@$(BIN)/python -m ruff format --check .
 	@$(BIN)/python -m mypy
+	@$(BIN)/zizmor --offline --quiet --pedantic .github
+	@$(BIN)/hadolint Dockerfile
+	$(call VALID,github-workflows,.github/workflows/*.yml)
+	$(call VALID,github-issue-forms,.github/ISSUE_TEMPLATE/*.yml)
+	$(call VALID,dependabot,.github/dependabot.yml)
+	$(call VALID,citation-file-format,CITATION.cff)
 
 test: clean
 	@$(MAKE) --no-print-directory check

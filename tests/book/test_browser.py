@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import axe_playwright_python
 import numpy as np
@@ -91,12 +92,14 @@ def test_page_reads_well(path, visit):
     page.evaluate(AXE)
     # highlighted code has thousands of elements, and the same colours on all pages
     context = {"exclude": [[".highlight"]] if path.parent.name == "results" else []}
-    assert page.evaluate("document.documentElement.dataset.theme") == "light"
+    themed = path.name != "404.html"  # which follows the system by itself
+    assert not themed or page.evaluate("document.documentElement.dataset.theme") == "light"
     assert violations(page, context) == []
     # no colour half-way from light to dark
     page.add_style_tag(content="*, ::before, ::after { transition: none !important; }")
     page.emulate_media(color_scheme="dark")
-    page.wait_for_function("document.documentElement.dataset.theme == 'dark'")
+    if themed:
+        page.wait_for_function("document.documentElement.dataset.theme == 'dark'")
     assert violations(page, context, ["color-contrast"]) == []
     grounds = page.evaluate(
         "[...document.querySelectorAll('.bd-article img')]"
@@ -112,6 +115,27 @@ def test_page_reads_well(path, visit):
         ".filter(e => e.getBoundingClientRect().left < 0).map(e => e.outerHTML.slice(0, 200))"
     )
     assert cut_off == []
+
+
+@pytest.mark.parametrize("missing", ["old.html", "book/very/old.html"])
+def test_missing_page_leads_to_the_front_page_of_a_book_below_the_root(site, browser, missing):
+    """Served as GitHub Pages does it: in a folder of the site, 404.html for what is not there."""
+
+    def serve(route):
+        path = site / urlsplit(route.request.url).path.removeprefix("/armsim/")
+        if path.is_file():
+            route.fulfill(path=path)
+        else:
+            route.fulfill(path=site / "404.html", status=404)
+
+    page = browser.new_page()
+    page.route("**/*", serve)
+    page.goto(f"https://book.example/armsim/{missing}")
+    page.wait_for_function("document.links[0].href.endsWith('/armsim/index.html')")
+    page.click("text=front page")
+    assert page.url == "https://book.example/armsim/index.html"
+    assert page.title()
+    page.close()
 
 
 def test_search_finds_a_word_from_disk(site, visit):

@@ -25,7 +25,8 @@ def test_local_links_lead_somewhere(page, path, read):
 
 def test_page_asks_nothing_of_another_machine(page):
     for tag, attrs in page.tags:
-        assert not REMOTE.match(attrs.get(RESOURCES.get(tag, ""), "")), (tag, attrs)
+        if attrs.get("rel") != "canonical":  # the book's own address
+            assert not REMOTE.match(attrs.get(RESOURCES.get(tag, ""), "")), (tag, attrs)
         assert "url(http" not in attrs.get("style", "")
 
 
@@ -45,6 +46,16 @@ def test_mathematics_is_drawn_by_the_file_beside_the_pages(page, path, site):
     if any("math" in attrs.get("class", "").split() for _, attrs in page.tags):
         assert drawn == [site / "_static" / "mathjax" / "tex-svg-full.js"]
         assert drawn[0].stat().st_size > 1_000_000
+
+
+def test_page_describes_itself_to_search_engines_and_other_sites(page, path, site):
+    tags = [attrs for tag, attrs in page.tags if tag == "meta"]
+    told = {attrs.get("property") or attrs.get("name", ""): attrs.get("content") for attrs in tags}
+    if path.parent.name == "book" or path == site / "index.html":
+        assert 20 < len(told["description"]) <= 200
+        assert told["og:description"] == told["description"]
+        assert told["og:title"]
+        assert (site / "_static" / Path(told["og:image"]).name).is_file()
 
 
 def test_images_are_vectors_and_say_what_they_show(page):

@@ -1,4 +1,8 @@
-"""Follow the README of reportkit in an empty folder."""
+"""Follow the README of reportkit to the letter: from nothing to a book, in its own environment.
+
+Only the lock is not installed anew, which takes minutes: a new environment here also sees the
+packages of the one that runs the tests, so that pip finds all of the lock in place.
+"""
 
 import json
 import os
@@ -6,12 +10,14 @@ import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import nbformat
 import pytest
 
 import reportkit
+from reportkit import start
 from reportkit.pdf import BROWSERS
 
 TEXT = (Path(reportkit.__file__).parent / "README.md").read_text(encoding="utf-8")
@@ -19,36 +25,80 @@ BLOCK = re.compile(
     r"^(?:`(?P<file>\S+)`:\n\n)?(?P<fence>```+)(?P<kind>\w+)\n(?P<body>.*?)^(?P=fence)$",
     re.DOTALL | re.MULTILINE,
 )
+BLOCKS = [block.groupdict() for block in BLOCK.finditer(TEXT)]
+ROOT = Path(__file__).parents[2]
+#: What the package is made of; a clone has it, but an export is no repository to clone.
+PACKAGE = "environment.txt pyproject.toml README.md LICENSE src data".split()
+#: Stands for python3: an environment that it makes sees the locked packages. Python 3.11 puts an
+#: old setuptools into a new one.
+PYTHON = """#!/bin/sh
+"{python}" "$@" && [ "$2" = venv ] && cd "$3/lib/python{version}/site-packages" &&
+rm -rf setuptools* && echo "{packages}" > lock.pth
+"""
+GIT = {
+    f"GIT_{who}_{key}": "reportkit" for who in ("AUTHOR", "COMMITTER") for key in ("NAME", "EMAIL")
+}
 
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    """Folder in which the files of the README were written and its commands run, in their order."""
+    """Folder of the report that the commands of the README make, in an empty folder."""
     root = tmp_path_factory.mktemp("report")
-    blocks = list(BLOCK.finditer(TEXT))
-    parameters, code = (block["body"] for block in blocks if block["kind"] == "python")
-    new = nbformat.v4
-    cells = [
-        new.new_markdown_cell("# Growth\n\nA population grows."),
-        new.new_code_cell(parameters, metadata={"tags": ["parameters"]}),
-        new.new_code_cell(code),
-    ]
-    (root / "notebooks").mkdir()
-    nbformat.write(new.new_notebook(cells=cells), root / "notebooks" / "10_growth.ipynb")
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for block in blocks:
-        if block["file"]:
-            (root / block["file"]).parent.mkdir(parents=True, exist_ok=True)
-            (root / block["file"]).write_text(block["body"], encoding="utf-8")
-        elif block["kind"] == "sh" and (
-            "pdf" not in block["body"] or any(map(shutil.which, BROWSERS))
-        ):
-            done = subprocess.run(
-                ["bash", "-e"], input=block["body"], cwd=root, env=os.environ | {"PATH": path},
-                text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            )  # fmt: skip
-            assert done.returncode == 0, done.stdout
-    return root
+    origin, tools, empty = root / "origin", root / "tools", root / "empty"
+    tools.mkdir()
+    empty.mkdir()
+    packages, version = sysconfig.get_path("purelib"), sysconfig.get_python_version()
+    text = PYTHON.format(python=sys.executable, packages=packages, version=version)
+    (tools / "python3").write_text(text)
+    (tools / "python3").chmod(0o755)
+    for name in PACKAGE:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        (origin / name).parent.mkdir(exist_ok=True)
+        copy(ROOT / name, origin / name)
+    ignored = {"PYTHONPATH", "PYTHONHOME", "MAKEFLAGS", "MAKELEVEL", "MFLAGS"}
+    environment = {key: os.environ[key] for key in os.environ if key not in ignored} | GIT
+    environment |= {"ARMSIM": str(origin), "PIP_NO_INDEX": "1"}
+    environment["PATH"] = f"{tools}{os.pathsep}{os.environ['PATH']}"
+
+    def run(folder, commands):
+        done = subprocess.run(
+            ["bash", "-ex"], input=commands, cwd=folder, env=environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout[-5000:]
+
+    run(origin, "git init -q\ngit add .\ngit commit -qm all")
+    (commands,) = (block["body"] for block in BLOCKS if block["kind"] == "sh")
+    assert len(commands.splitlines()) == 12
+    if not any(map(shutil.which, BROWSERS)):
+        commands = commands.replace("make pdf\n", "")
+    run(empty, commands)
+    return empty / "growth"
+
+
+def test_readme_shows_the_files_that_a_report_starts_with():
+    notebook = nbformat.read(start.STARTER / "notebooks" / "10_growth.ipynb", as_version=4)
+    code = [f"{cell.source}\n" for cell in notebook.cells if cell.cell_type == "code"]
+    assert code == [block["body"] for block in BLOCKS if block["kind"] == "python"]
+    shown = {block["file"]: block["body"] for block in BLOCKS if block["file"]}
+    assert len(shown) == 3
+    for name, body in shown.items():
+        assert (start.STARTER / name).read_text(encoding="utf-8") == body
+
+
+def test_nothing_is_overwritten(tmp_path, capsys):
+    (tmp_path / "index.md").write_text("mine")
+    assert start.main([str(tmp_path)]) == 2
+    assert "index.md is there already" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["index.md"]
+    assert start.main([]) == 2
+
+
+def test_report_runs_in_its_own_environment(report):
+    (library,) = (report / ".venv" / "lib").glob("python*/site-packages")
+    assert (library / "reportkit" / "start.py").is_file()
+    page = (report / "_build" / "html" / "book" / "growth.html").read_text(encoding="utf-8")
+    assert sys.prefix not in page
 
 
 def test_results_are_recorded_and_expected(report):
@@ -71,8 +121,9 @@ def test_page_shows_value_verdict_and_link_to_the_data(report):
     assert ">1.65<" in page
     assert "<strong>confirmed</strong>" in page
     assert re.search(r'href="[^"]*10_growth-curve\.csv"', page)
+    assert 'property="og:description"' in page
 
 
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser")
 def test_pdf_is_printed(report):
-    assert (report / "_build" / "growth.pdf").read_bytes().startswith(b"%PDF")
+    assert (report / "_build" / "book.pdf").read_bytes().startswith(b"%PDF")
