@@ -11,7 +11,6 @@ from statistics import fmean
 from typing import Any
 
 import grimp
-import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
@@ -68,7 +67,7 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
     return {name: rest.difference(*(below[far] for far in rest)) for name, rest in direct.items()}
 
 
-@mpl.rc_context(figures.STYLE)
+@figures.styled()
 def architecture(graph: Graph) -> Figure:
     """Draw the modules on their floors, with their imports.
 
