@@ -107,8 +107,8 @@ def architecture(graph: Graph) -> Figure:
                     x += free
             left = right
     lowest = {name for name in lines if part(name) == "armsim"}  # its lines would hide the others
-    for module, others in lines.items():
-        for other in others - lowest:
+    for module, others in sorted(lines.items()):  # the same order in each process
+        for other in sorted(others - lowest):
             ax.plot(*zip(place[module], place[other], strict=True), color=_TONES[part(module)],
                     lw=0.9, ls="-", alpha=0.55, zorder=1)  # fmt: skip
     for module, (x, y) in place.items():
