@@ -37,15 +37,20 @@ def versions(project: Project) -> dict[str, str]:
     These are the requirements of the installed distribution and of its extra ``project.extra``,
     and ``project.versions``.
     """
-    try:
-        own, wanted = metadata.version(project.name), metadata.requires(project.name) or []
-    except metadata.PackageNotFoundError:
-        own, wanted = "not installed", []
+    own = _version(project.name)
+    wanted = (metadata.requires(project.name) or []) if own else []
     extra = {"extra": project.extra}
     needed = {r.name for r in map(Requirement, wanted) if not r.marker or r.marker.evaluate(extra)}
     names = sorted(needed.union(project.versions) - {project.name}, key=str.lower)
-    head = {project.name: own, "Python": platform.python_version()}
-    return head | {name: metadata.version(name) for name in names}
+    head = {project.name: own or "not installed", "Python": platform.python_version()}
+    return head | {name: _version(name) or "not installed" for name in names}
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return ""
 
 
 def commit_of(root: Path) -> tuple[str, bool | None]:
