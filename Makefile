@@ -9,6 +9,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Each stamp is made by the last command of its rule, so an interrupted step counts as not done.
 LOCKED := $(VENV)/.locked
+TOOLS := $(VENV)/.tools
 INSTALLED := $(VENV)/.installed
 BUILT := _build/.built
 
@@ -32,12 +33,14 @@ SHELL := /bin/bash
 # What the user has set for other programs must not change a result.
 unexport $(filter-out PYTHON NUMBA_CACHE_DIR,$(filter PYTHON% NUMBA_% MPL% MATPLOTLIBRC BASH_ENV,$(.VARIABLES)))
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export MPLCONFIGDIR := $(CURDIR)/$(VENV)/.matplotlib
 
-.PHONY: help install book pdf check style test fuzz coverage clean distclean forget moved
+.PHONY: help install tools book pdf check style test fuzz coverage clean distclean forget moved
 .DELETE_ON_ERROR:
 
 help:
 	@echo 'make install    make the environment .venv'
+	@echo "make tools      the same, and the developers' packages"
 	@echo 'make book       the same, then execute the notebooks that need it and build the HTML'
 	@echo 'make pdf        the same, and the book as one PDF, printed by Chromium'
 	@echo 'make test       build everything from clean, then lint, type-check and run every test'
@@ -52,23 +55,39 @@ help:
 book: $(BUILT)
 	@echo "The report: $$PWD/_build/html/index.html"
 
-# The lock is complete, and nothing is left to resolve: where a package asks for another with an
+# Each lock is complete, and nothing is left to resolve: where a package asks for another with an
 # extra, the resolver would look at a newer version than the lock has, and stop for lack of a hash.
+# Nothing is compiled either: without a compiler that ends in pages of errors after minutes.
+define FETCH
+	@set -o pipefail; $(BIN)/python -m pip install --no-deps --require-hashes --only-binary=:all: -r $< | \
+	  awk '/^(Collecting|Processing)/ && ++n % 25 == 0 { print "  " n " packages fetched"; fflush() } \
+	       /^Installing/ { print "  installing " n " packages"; fflush() }'
+	@$(BIN)/python -m pip check > /dev/null || $(BIN)/python -m pip check >&2
+	@touch $@
+endef
+
 $(LOCKED): environment.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
 	  { echo 'armsim needs Python 3.11, 3.12 or 3.13, and $(PYTHON) is'; $(PYTHON) --version; \
 	    echo 'Name another: make PYTHON=python3.12 $(MAKECMDGOALS)'; exit 1; } >&2
+	@$(PYTHON) -c 'import platform, sys, sysconfig; here = platform.system(), platform.machine(); \
+	  musl = "musl" in str(sysconfig.get_config_var("HOST_GNU_TYPE")); \
+	  sys.exit(musl or here not in [("Linux", "x86_64"), ("Linux", "aarch64"), ("Darwin", "arm64")])' || \
+	  { echo 'The packages are locked for Linux (x86_64 or aarch64, with glibc) and macOS (arm64), and this is'; \
+	    $(PYTHON) -c 'import sysconfig; print(sysconfig.get_platform())'; exit 1; } >&2
 	@$(PYTHON) -c 'import venv, ensurepip' || \
 	  { echo 'Python lacks venv; on Debian and Ubuntu: apt-get install python3-venv' >&2; exit 1; }
 	@echo 'Making $(VENV) with $(shell $(PYTHON) --version 2>&1)'
 	@rm -f $@
 	@$(PYTHON) -m venv --clear $(VENV)
 	@echo 'Installing the locked packages, a minute or two'
-	@set -o pipefail; $(BIN)/python -m pip install --no-deps --require-hashes -r environment.txt | \
-	  awk '/^(Collecting|Processing)/ && ++n % 25 == 0 { print "  " n " packages fetched"; fflush() } \
-	       /^Installing/ { print "  installing " n " packages"; fflush() }'
-	@$(BIN)/python -m pip check > /dev/null || $(BIN)/python -m pip check >&2
-	@touch $@
+	$(FETCH)
+
+# What the book does not need: whatever is made with it does not depend on this.
+$(TOOLS): environment-dev.txt $(LOCKED) | $(INSTALLED)
+	@echo "Installing the developers' packages"
+	$(FETCH)
+tools: $(TOOLS)
 
 # The package itself. A change of pyproject.toml that matters to results changes the lock too. The
 # stamp holds the path of this folder, because .venv/bin does. So rules start programs as modules.
@@ -134,7 +153,7 @@ check: style book
 
 # A file against the schema of the service that reads it.
 VALID = @$(BIN)/python -m check_jsonschema --quiet --builtin-schema vendor.$(1) $(2)
-style: $(INSTALLED)
+style: tools
 	@echo 'Checking style and types'
 	@$(BIN)/python -m ruff check .
 	@$(BIN)/python -m ruff format --check .
@@ -151,11 +170,11 @@ test: clean
 
 # New examples each time. Those that fail are kept in .hypothesis and tried first the next time.
 SEED := $(shell date +%s)
-fuzz: $(INSTALLED)
+fuzz: tools
 	@echo 'To try the same examples again: make fuzz SEED=$(SEED)'
 	@FUZZ_SEED=$(SEED) $(PYTEST) -m hypothesis --hypothesis-profile=fuzz
 
-coverage: book
+coverage: tools book
 	@$(PYTEST) --cov
 
 clean:

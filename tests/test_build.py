@@ -4,20 +4,22 @@ import os
 import re
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCES = """
-    environment.txt pyproject.toml _config.yml _toc.yml index.md book/page.md book/_static/a.css
+    environment.txt environment-dev.txt pyproject.toml _config.yml _toc.yml index.md book/page.md
+    book/_static/a.css
     src/armsim/code.py data/paper/table.toml data/paper/claims.toml data/second_opinions.toml
     data/sensitivity/verdicts.csv data/expected/20_two.json
     notebooks/10_one.ipynb notebooks/20_two.ipynb
 """
 PYTHON = """#!/bin/sh
 env > environment
-[ "$2" = pip ] && echo pip >> log && exit
+[ "$2" = pip ] && echo pip >> log && echo "$@" >> pip && exit
 [ "$2" = reportkit.claims ] && echo verdicts >> log && touch "$3"/verdicts{.csv,.md} && exit
 [ "$2" = armbook.architecture ] && touch "$3"/appendix-{modules.md,architecture.svg} && exit
 case $2 in *jupyter_book*) echo html >> log; mkdir -p _build/html; exit;; esac
@@ -78,6 +80,7 @@ ALL = ["html", "notebooks/10_one.ipynb", "notebooks/20_two.ipynb", "verdicts"]
 def tree(tmp_path):
     tree = Tree(tmp_path / "a book")
     assert tree.make("book") == ALL, tree.last.stderr
+    tree.age()  # a file that is touched now is newer, however coarse the clock of the disk
     return tree
 
 
@@ -206,15 +209,16 @@ def test_settings_of_the_user_for_other_programs_are_ignored(tree, monkeypatch):
     ignored = {
         "PYTHONPATH", "PYTHONHOME", "PYTHONOPTIMIZE", "PYTHONWARNINGS", "PYTHONSTARTUP",
         "PYTHONINSPECT", "PYTHONUTF8", "PYTHONDONTWRITEBYTECODE", "NUMBA_DISABLE_JIT",
-        "NUMBA_CPU_NAME", "MPLBACKEND", "MPLCONFIGDIR", "MATPLOTLIBRC", "BASH_ENV",
+        "NUMBA_CPU_NAME", "MPLBACKEND", "MATPLOTLIBRC", "BASH_ENV",
     }  # fmt: skip
-    for name in (*ignored, "NUMBA_CACHE_DIR"):
+    for name in (*ignored, "MPLCONFIGDIR", "NUMBA_CACHE_DIR"):
         monkeypatch.setenv(name, "/nowhere")
     tree.touch("index.md")
     assert tree.make_now("book") == ["html"]
     environment = dict(re.findall("(.*?)=(.*)", (tree.root / "environment").read_text()))
     assert environment.keys() & ignored == set()
     assert environment["NUMBA_CACHE_DIR"] == "/nowhere"
+    assert environment["MPLCONFIGDIR"] == f"{tree.root}/.venv/.matplotlib"
 
 
 def test_interrupted_installation_does_not_count(tree):
@@ -233,6 +237,50 @@ def test_unfit_python_is_refused_with_advice(tree):
     assert tree.make_now("book", "PYTHON=./python3") == []
     assert "needs Python 3.11, 3.12 or 3.13, and ./python3 is\nPython 3.9.2" in (tree.last.stderr)
     assert (tree.root / ".venv/bin/python").exists()
+
+
+def test_platform_that_no_lock_serves_is_named(tree):
+    tree.touch("environment.txt")
+    intel_mac = """#!/bin/sh
+[ "$1" = -c ] || exit 1
+exec python3 -c "import platform, sysconfig
+platform.system, platform.machine = lambda: 'Darwin', lambda: 'x86_64'
+sysconfig.get_platform = lambda: 'macosx-13-x86_64'
+$2"
+"""
+    tree.write("mac", intel_mac).chmod(0o755)
+    assert tree.make_now("book", "PYTHON=./mac") == []
+    assert tree.last.returncode == 2
+    served = (
+        "Linux (x86_64 or aarch64, with glibc) and macOS (arm64), and this is\nmacosx-13-x86_64\n"
+    )
+    assert served in tree.last.stderr
+    assert (tree.root / ".venv/bin/python").exists()
+
+
+def test_developers_packages_are_installed_for_developers_only(tree):
+    assert not (tree.root / "pip").exists()
+    assert tree.make("tools") == ["pip", "pip"]  # install, check
+    (install, _) = (tree.root / "pip").read_text().splitlines()
+    assert install.endswith("--require-hashes --only-binary=:all: -r environment-dev.txt")
+    assert tree.make("tools") == tree.make("book") == []
+    tree.touch("environment-dev.txt")
+    assert tree.make_now("book") == []
+    assert tree.make_now("tools") == ["pip", "pip"]
+
+
+def test_locks_have_all_that_is_required_and_no_package_twice():
+    def names(lines):
+        return {re.match(r"[\w.-]+", line)[0] for line in lines if re.match(r"\w", line)}
+
+    files = (ROOT / "environment.txt", ROOT / "environment-dev.txt")
+    book, tools = (names(file.read_text().splitlines()) for file in files)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    assert names([*project["dependencies"], *extras["book"], *extras["build"]]) <= book
+    assert names(extras["dev"]) - {"armsim"} <= book | tools
+    assert book.isdisjoint(tools)
+    assert {"pytest", "ruff", "mypy", "hypothesis"} <= tools
 
 
 def test_notebooks_that_measure_run_alone_after_all_others(tree):

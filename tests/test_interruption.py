@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from jupyter_client.kernelspec import KernelSpecManager
 from jupyter_client.manager import KernelManager
 
 PREPARE = """
@@ -96,7 +97,8 @@ while True:
 
 
 def test_interrupt_leaves_a_notebook_kernel_alive():
-    kernel = KernelManager(kernel_name="python3")
+    this_python = KernelSpecManager(kernel_dirs=[])
+    kernel = KernelManager(kernel_name="python3", kernel_spec_manager=this_python)
     kernel.start_kernel()
     client = kernel.blocking_client()
     try:

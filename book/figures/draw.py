@@ -16,7 +16,7 @@ from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 from scipy.spatial import ConvexHull
 
 from armbook.styles import COLOUR
-from reportkit.figures import FAINT, INK, STYLE, save
+from reportkit.figures import FAINT, INK, save, styled
 
 Point = tuple[float, float]
 Space = tuple[float, float, float]
@@ -115,7 +115,7 @@ class Sheet:
                 self.arrow(*((a.bottom, b.top) if a.y < b.y else (a.top, b.bottom)))
 
 
-@mpl.rc_context(STYLE)
+@styled()
 def block_diagram() -> Figure:
     """Draw figure 2, the system block diagram for one axis of the robot arm."""
     s = Sheet(510, 624)
@@ -254,7 +254,7 @@ class _Scene(Sheet):
         self.shape(cap, tone=0.03)
 
 
-@mpl.rc_context(STYLE)
+@styled()
 def arm_axes() -> Figure:
     """Draw figure 1, the axes of motion of a Cartesian robot arm."""
     s = _Scene(406, 352)

@@ -11,7 +11,6 @@ from statistics import fmean
 from typing import Any
 
 import grimp
-import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
@@ -68,7 +67,7 @@ def reduced(graph: Graph) -> dict[str, set[str]]:
     return {name: rest.difference(*(below[far] for far in rest)) for name, rest in direct.items()}
 
 
-@mpl.rc_context(figures.STYLE)
+@figures.styled()
 def architecture(graph: Graph) -> Figure:
     """Draw the modules on their floors, with their imports.
 
@@ -108,8 +107,8 @@ def architecture(graph: Graph) -> Figure:
                     x += free
             left = right
     lowest = {name for name in lines if part(name) == "armsim"}  # its lines would hide the others
-    for module, others in lines.items():
-        for other in others - lowest:
+    for module, others in sorted(lines.items()):  # the same order in each process
+        for other in sorted(others - lowest):
             ax.plot(*zip(place[module], place[other], strict=True), color=_TONES[part(module)],
                     lw=0.9, ls="-", alpha=0.55, zorder=1)  # fmt: skip
     for module, (x, y) in place.items():

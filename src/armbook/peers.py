@@ -6,12 +6,16 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
-from sksundae.cvode import CVODE
 
 from armbook.problems import Equations, Solve
 from armsim.methods import IntegrationError, integrate, tableaux
 from armsim.methods.runge_kutta import Form
 from armsim.methods.tableaux import Tableau
+
+try:
+    from sksundae.cvode import CVODE
+except ModuleNotFoundError:  # there is no wheel of it for Linux on ARM
+    CVODE = None
 
 
 def fixed(
@@ -64,12 +68,13 @@ def of_cvode(eq: Equations, times: np.ndarray, y0: np.ndarray, args: tuple, **ho
 
 
 def peers(rtol: float, atol: np.ndarray) -> Mapping[str, Solve]:
-    """Solvers with error control by name."""
+    """Solvers with error control by name, CVODE among them if scikit-sundae is installed."""
     how: dict[str, Any] = {"rtol": rtol, "atol": atol}
     of_ivp = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
+    of_sundials = ("BDF", "Adams") if CVODE else ()
     return {
         "DP5(4)": partial(embedded, **how),
         **{f"SciPy {method}": partial(of_scipy, method=method, **how) for method in of_ivp},
         "SciPy odeint": partial(of_odeint, **how),
-        **{f"CVODE {m}": partial(of_cvode, method=m, **how) for m in ("BDF", "Adams")},
+        **{f"CVODE {method}": partial(of_cvode, method=method, **how) for method in of_sundials},
     }

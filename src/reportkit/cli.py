@@ -4,9 +4,7 @@ Modules that are slow to import are imported by the command that needs them.
 """
 
 import json
-import logging
 import shutil
-import signal
 import sys
 from dataclasses import asdict
 from functools import partial
@@ -119,12 +117,10 @@ def rerun(
         notice = resolve_name(check)(whole | values) if check else ""
     except (ValueError, ArithmeticError) as error:
         raise parameters.ParameterError(error) from None
-    from reportkit.execute import NotebookError
+    from reportkit.execute import NotebookError, be_a_program
     from reportkit.rerun import rerun
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    for logger in ("asyncio", "papermill", "traitlets"):  # they tell of an interruption with stacks
-        logging.getLogger(logger).disabled = True
+    be_a_program()
     click.echo(f"{notebook.name}: executing{notice}")
     try:
         folder, comparisons, complaints = rerun(notebook, values, output, project)

@@ -1,31 +1,41 @@
 """Execute a notebook so that its results appear all at once or not at all."""
 
-import fcntl
+import logging
 import os
 import re
 import shutil
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
+from threading import Thread
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 from unittest.mock import patch
 
 import nbformat
 import papermill
+from jupyter_client.kernelspec import KernelSpecManager
+from jupyter_client.manager import AsyncKernelManager
 from nbclient.exceptions import DeadKernelError
 from papermill.exceptions import PapermillExecutionError
+from traitlets import default
 from traitlets.config import Config
 
 from reportkit.record import RESULTS_VARIABLE
 
+try:
+    import fcntl
+except ImportError:  # the command line tells an OSError in one line
+    raise OSError("notebooks run on Linux and macOS; on Windows, use WSL") from None
+
 #: Settings of the user that could change a result, or keep a kernel from starting.
-_HARMFUL = re.compile("PYTHON(?!PATH$|HOME$)|NUMBA_(?!CACHE_DIR$)|MPLBACKEND$")
+_HARMFUL = re.compile("PYTHON(?!PATH$|HOME$)|NUMBA_(?!CACHE_DIR$)|MPLBACKEND$|JUPYTER_")
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
 # A progress bar, in the format of `_bars`, and the blanks that take its place when it is done.
@@ -73,12 +83,13 @@ def execute(source: Path, results: Path, parameters: Mapping[str, Any] | None = 
 
 @contextmanager
 def executed(
-    source: Path, parent: Path, parameters: Mapping[str, Any]
+    source: Path, parent: Path, parameters: Mapping[str, Any], closing: str = ""
 ) -> Iterator[tuple[Path, list[str]]]:
     """Execute a notebook into a hidden folder inside `parent`, removed when the block ends.
 
     Yields the folder with the executed notebook and its results, to be moved to their place, and
-    the messages of the notebook on standard error. Raises `NotebookError` as `execute` does.
+    the messages of the notebook on standard error. Raises `NotebookError` as `execute` does. The
+    code `closing` is executed after the last cell and is no part of the executed notebook.
     """
     with _scratch(parent.resolve(), source.stem) as scratch:
         new = scratch / "results"
@@ -86,13 +97,13 @@ def executed(
         variables = {
             RESULTS_VARIABLE: str(new),
             "IPYTHONDIR": str(scratch),  # without start-up files or history of the user
-            "JUPYTER_PREFER_ENV_PATH": "1",  # the kernel python3 is the Python that runs this
+            "MATPLOTLIBRC": os.devnull,  # instead of the user's file
             "PYTHONHASHSEED": "0",
             "OPENBLAS_NUM_THREADS": "1",  # the matrices are small, and another notebook may run
         }
         others = {name: os.environ[name] for name in os.environ if not _HARMFUL.match(name)}
         with patch.dict(os.environ, others | variables | _bars(source.stem), clear=True):
-            notebook = _run(source, dict(parameters), scratch)
+            notebook = _run(source, dict(parameters), scratch, closing)
         complaints = _tidy(notebook)
         nbformat.write(notebook, new / source.name)
         yield new, complaints
@@ -151,7 +162,41 @@ def _show_bars(text: str) -> None:
     print(*filter(None, told), sep="", end="", file=sys.stderr, flush=True)
 
 
-def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.NotebookNode:
+class _Kernel(AsyncKernelManager):
+    """A kernel of the Python that runs this, whatever kernels the user's folders name."""
+
+    _words: ClassVar[deque[str]] = deque(maxlen=1)
+    _listener: ClassVar[Thread]
+
+    @default("kernel_spec_manager")
+    def _own_kernel_only(self) -> KernelSpecManager:
+        return KernelSpecManager(kernel_dirs=[])
+
+    async def start_kernel(self, **options: Any) -> None:  # type: ignore[override]
+        """Start it and listen to what it writes before it can send messages."""
+        read, write = os.pipe()
+        _Kernel._listener = Thread(target=self._listen, args=[read], daemon=True)
+        self._listener.start()
+        try:
+            await super().start_kernel(stderr=write, **options)
+        finally:
+            os.close(write)
+
+    def _listen(self, read: int) -> None:
+        self._words.clear()
+        with open(read, errors="replace") as lines:
+            self._words.extend(filter(None, map(str.strip, lines)))
+
+    @classmethod
+    def last_words(cls) -> str:
+        """Return the last line that a kernel, which has died, has written."""
+        cls._listener.join(5)  # s; a child of the kernel may hold the pipe
+        return "".join(cls._words)
+
+
+def _run(
+    source: Path, parameters: dict[str, Any], folder: Path, closing: str
+) -> nbformat.NotebookNode:
     try:
         notebook = nbformat.read(source, as_version=4)
     except nbformat.reader.NotJSONError as error:
@@ -159,8 +204,10 @@ def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.Not
     # whatever kernel the author used
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     notebook.metadata["kernelspec"] = kernel
+    last = [nbformat.v4.new_code_cell(closing)] if closing else []
+    notebook.cells += last
     try:
-        return papermill.execute_notebook(
+        done = papermill.execute_notebook(
             notebook,
             None,
             parameters,
@@ -168,6 +215,7 @@ def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.Not
             progress_bar={"leave": False} if sys.stderr.isatty() else False,
             stderr_file=SimpleNamespace(write=_show_bars, flush=lambda: None),
             coalesce_streams=True,  # however the kernel has divided them
+            kernel_manager_class=_Kernel,
             extra_arguments=["--log-level=CRITICAL"],  # of the kernel's own log
             # not in /tmp, where it stays if this process is killed
             config=Config(ConnectionFileMixin={"connection_file": str(folder / "kernel.json")}),
@@ -176,6 +224,11 @@ def _run(source: Path, parameters: dict[str, Any], folder: Path) -> nbformat.Not
         raise NotebookError(_explain(source, error)) from None
     except DeadKernelError:
         raise NotebookError(f"{source} failed: its Python died (out of memory?)") from None
+    except RuntimeError as error:  # before the first cell
+        why = _Kernel.last_words() or error
+        raise NotebookError(f"{source} failed: its Python did not start: {why}") from None
+    del done.cells[len(done.cells) - len(last) :]
+    return done
 
 
 def _explain(source: Path, error: PapermillExecutionError) -> str:
@@ -203,19 +256,29 @@ def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
     return complaints
 
 
+def be_a_program() -> None:
+    """Take SIGTERM for an interruption, and silence libraries that tell of errors with stacks."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children by it
+    for logger in ("asyncio", "papermill", "traitlets"):
+        logging.getLogger(logger).disabled = True
+
+
 def main(arguments: list[str]) -> int:
     """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; return the exit code."""
     if len(arguments) != 2:
         print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
         return 2
     source, results = map(Path, arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # make ends its children by it
+    be_a_program()
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
     try:
         complaints = execute(source, results)
     except NotebookError as error:
         print(f"\n{error}\n", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"{source}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print(f"{source}: interrupted, nothing published", file=sys.stderr)

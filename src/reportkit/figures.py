@@ -5,7 +5,8 @@ well. Each has a contrast of at least 3 on white, and also on the dark page, whe
 figure through ``filter: invert(1) hue-rotate(180deg)``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -34,10 +35,22 @@ WIDTH = STYLE["figure.figsize"][0]
 
 def use() -> None:
     """Set the style; in a notebook also show figures as SVG, without a date, at full size."""
-    mpl.rcdefaults()  # not what the user prefers in other figures
-    mpl.rcParams.update(STYLE)
+    _set()
     if get_ipython() is not None:
         set_matplotlib_formats("svg", bbox_inches=None, metadata={"Date": None})
+
+
+def _set() -> None:
+    mpl.rcdefaults()  # not what the user prefers in other figures
+    mpl.rcParams.update(STYLE)
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Set the style inside a block, or a function if used as a decorator."""
+    with mpl.rc_context():
+        _set()
+        yield
 
 
 def stack(
@@ -119,5 +132,5 @@ def direct_label(
 
 def save(fig: Figure, path: str | Path) -> None:
     """Write a figure as SVG on a transparent ground, the same bytes each time."""
-    with mpl.rc_context(STYLE):
+    with styled():
         fig.savefig(path, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)

@@ -1,11 +1,9 @@
 """One HTML page of an executed notebook that needs no other file and no network."""
 
 import base64
-import platform
 import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from importlib.metadata import version
 from typing import Any
 
 from jinja2 import Environment, PackageLoader
@@ -31,6 +29,7 @@ def render(
     comparisons: Sequence[Comparison],
     started: datetime,
     project: Project,
+    made: Mapping[str, Any],
 ) -> str:
     """Fill ``templates/rerun.html``: settings, comparison with the published values, notebook.
 
@@ -46,6 +45,8 @@ def render(
         When the run began.
     project
         The report that the notebook belongs to.
+    made
+        What `reportkit.provenance.keep` wrote.
     """
     files = PackageLoader("reportkit")
     pages = Environment(loader=files, autoescape=True, trim_blocks=True, lstrip_blocks=True)
@@ -68,8 +69,8 @@ def render(
         ],
         comparisons=comparisons,
         started=started,
-        versions=[f"{name} {version(name)}" for name in project.versions],
-        python=platform.python_version(),
+        versions=[f"{name} {made['versions'][name]}" for name in (*project.versions, "Python")],
+        made=made,
         mathjax=Markup(mathjax.replace("</script", "<\\/script")),
     )
 

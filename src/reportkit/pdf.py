@@ -10,7 +10,14 @@ from playwright.sync_api import PdfMargins, sync_playwright
 from pypdf import PdfWriter
 from pypdf.generic import NameObject, TextStringObject
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+)
 MARGIN = PdfMargins(top="17mm", bottom="17mm", left="18mm", right="18mm")
 #: Script that lists the printed headings.
 HEADINGS = Path(__file__).parent / "templates" / "headings.js"
@@ -19,7 +26,7 @@ FOOTER = '<div style="font: 8px sans-serif; margin: auto"><span class="pageNumbe
 
 
 def browser() -> str:
-    """Return the path of the browser.
+    """Return the path of the browser: the system's, or else the one that Playwright installed.
 
     Raises
     ------
@@ -28,7 +35,14 @@ def browser() -> str:
     """
     for path in filter(None, map(shutil.which, BROWSERS)):
         return path
-    raise FileNotFoundError(f"no browser to print with: one of {', '.join(BROWSERS)} is needed")
+    with sync_playwright() as playwright:
+        own = playwright.chromium.executable_path
+    if Path(own).is_file():
+        return own
+    raise FileNotFoundError(
+        f"no browser to print with: one of {', '.join(BROWSERS)} is needed, "
+        "or python -m playwright install chromium"
+    )
 
 
 def print_page(page: Path, pdf: Path) -> None:
@@ -41,8 +55,9 @@ def print_page(page: Path, pdf: Path) -> None:
     """
     if not page.is_file():
         raise FileNotFoundError(f"{page}: there is no such page")
+    path = browser()
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=browser(), args=["--no-sandbox"])
+        chromium = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         tab = chromium.new_page(color_scheme="light")
         tab.emulate_media(media="print")
         tab.goto(page.resolve().as_uri())

@@ -25,16 +25,16 @@ class Project:
     name : str
         Name of the report and of its command; if the report is an installed distribution, the
         name of that too.
-    notebooks, results, expected, claims, opinions, variations, choices, data, mathjax : str
+    notebooks, results, expected, claims, opinions, variations, choices, data, lock, mathjax : str
         Relative to `root`: sources of the notebooks; what they make; the values that a rebuild
         must reproduce; claims and their criteria; how recorded values were computed again; the
         verdicts with changed choices; a table of values that cells of parameters may refer to;
-        the data whose SHA-256 sums are listed; the script that typesets mathematics on the page
-        of a rerun.
+        the data whose SHA-256 sums are listed; the lock of the environment; the script that
+        typesets mathematics on the page of a rerun.
     extra : str
         Extra of the distribution that the report needs.
     versions : tuple of str
-        Packages whose versions stand on the page of a rerun.
+        Packages whose versions stand on the page of a rerun, the report itself possibly among them.
     checks : mapping of str to str
         For a notebook, a function ``package.module:name`` that takes its parameters before a rerun,
         reads the files among them, for example, and returns a notice, or an empty text. It raises
@@ -51,6 +51,7 @@ class Project:
     variations: Path = Path("data/verdicts.csv")
     choices: Path = Path("data/choices.toml")
     data: Path = Path("data")
+    lock: Path = Path("environment.txt")
     mathjax: Path = Path("book/_static/mathjax/tex-svg-full.js")
     extra: str = ""
     versions: tuple[str, ...] = ()

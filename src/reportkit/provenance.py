@@ -1,10 +1,14 @@
 """Where the numbers of a report come from: software, computer, run times and data."""
 
 import hashlib
+import json
+import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
@@ -14,35 +18,79 @@ from reportkit import text
 from reportkit.project import Project
 from reportkit.timing import computer
 
+#: In an export of a repository git writes the commit into this file (``export-subst``).
+ARCHIVED = ".git_archival.txt"
+
 
 def software(project: Project) -> list[tuple[str, str]]:
-    """List the report, Python and the packages that the report requires, each with its version.
+    """List what `versions` finds; the report's own version ends with its commit, if known."""
+    found = versions(project)
+    commit, changed = commit_of(project.root)
+    found[project.name] += f", commit {commit[:7]}" if commit else ""
+    found[project.name] += " with changes" if changed else ""
+    return [*found.items()]
 
-    The report's version ends with the commit if it lies in a repository. The requirements are
-    those of the installed distribution and its extra ``project.extra``; a report that is not
-    installed requires ``project.versions``.
+
+def versions(project: Project) -> dict[str, str]:
+    """Return the versions of the report, Python and the packages that the report requires.
+
+    These are the requirements of the installed distribution and of its extra ``project.extra``,
+    and ``project.versions``.
     """
-    try:
-        own, wanted = metadata.version(project.name), metadata.requires(project.name) or []
-    except metadata.PackageNotFoundError:
-        own, wanted = "not installed", [*project.versions]
+    own = _version(project.name)
+    wanted = (metadata.requires(project.name) or []) if own else []
     extra = {"extra": project.extra}
     needed = {r.name for r in map(Requirement, wanted) if not r.marker or r.marker.evaluate(extra)}
-    commit = _commit(project.root)
-    return [
-        (project.name, f"{own}, commit {commit}" if commit else own),
-        ("Python", platform.python_version()),
-        *((name, metadata.version(name)) for name in sorted(needed, key=str.lower)),
-    ]
+    names = sorted(needed.union(project.versions) - {project.name}, key=str.lower)
+    head = {project.name: own or "not installed", "Python": platform.python_version()}
+    return head | {name: _version(name) or "not installed" for name in names}
 
 
-def _commit(root: Path) -> str:
-    """Return the commit of the repository in a folder, or an empty text if there is none."""
-    command = ["git", "-C", str(root), "describe", "--always", "--dirty"]
+def _version(name: str) -> str:
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
         return ""
+
+
+def commit_of(root: Path) -> tuple[str, bool | None]:
+    """Return the commit of a folder, and whether files there differ from it or are new.
+
+    The folder is the top of a repository, or an export of one with the file `ARCHIVED`. Whether an
+    export was changed cannot be known: None. Without a commit the text is empty.
+    """
+    # A program that git itself has started finds another repository by these.
+    others = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+
+    def git(*words: str) -> str:
+        command = ["git", "--no-optional-locks", "-C", str(root), *words]
+        done = subprocess.run(command, env=others, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    with suppress(OSError, subprocess.CalledProcessError):
+        if os.path.samefile(git("rev-parse", "--show-toplevel"), root):
+            return git("rev-parse", "HEAD"), bool(git("status", "--porcelain"))
+    archived = (root / ARCHIVED).read_text() if (root / ARCHIVED).is_file() else ""
+    node = re.search(r"^node: ([0-9a-f]+)$", archived, re.MULTILINE)
+    return node[1] if node else "", None
+
+
+def keep(project: Project, folder: Path) -> None:
+    """Write ``provenance.toml``: the commit and whether it was changed, the lock, the versions.
+
+    What is not known is left out.
+    """
+    commit, changed = commit_of(project.root)
+    lock = _sum(project.lock) if project.lock.is_file() else ""
+    known = {"commit": commit, "changed": changed, "lock_sha256": lock}
+    lines = [f"{key} = {json.dumps(one)}" for key, one in known.items() if one not in ("", None)]
+    lines += ["", "[versions]"]
+    lines += [f"{json.dumps(name)} = {json.dumps(one)}" for name, one in versions(project).items()]
+    text.write(folder / "provenance.toml", "\n".join([*lines, ""]))
+
+
+def _sum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def run_times(results: Path) -> Iterator[tuple[str, str]]:
@@ -60,7 +108,7 @@ def sums(project: Project) -> list[tuple[str, str]]:
     """
     files = (path for path in sorted(project.data.rglob("*")) if path.is_file())
     return [
-        (hashlib.sha256(path.read_bytes()).hexdigest(), str(path.relative_to(project.root)))
+        (_sum(path), str(path.relative_to(project.root)))
         for path in files
         if project.expected not in path.parents and path.parent.name != "__pycache__"
     ]

@@ -13,7 +13,17 @@ import pandas as pd
 from reportkit import check, page
 from reportkit.execute import executed, locked
 from reportkit.parameters import Notebook
+from reportkit.project import Project, read_toml
+from reportkit.record import RESULTS_VARIABLE
+
+#: The kernel itself states what it is.
+CLOSING = f"""
+import os
+from pathlib import Path
 from reportkit.project import Project
+from reportkit.provenance import keep
+keep(Project.find(Path({{root!r}})), Path(os.environ["{RESULTS_VARIABLE}"]))
+"""
 
 
 def rerun(
@@ -50,7 +60,8 @@ def rerun(
         If the notebook fails; then nothing is left.
     """
     name, started = notebook.name, datetime.now()
-    with executed(notebook.path, parent, parameters) as (new, complaints):
+    closing = CLOSING.format(root=str(project.root))
+    with executed(notebook.path, parent, parameters, closing) as (new, complaints):
         files = new / f"{name}.json", project.expected / f"{name}.json"
         got, published = (check.load(path) if path.exists() else {} for path in files)
         comparisons = check.compare(name, published, got) if published else []
@@ -61,7 +72,8 @@ def rerun(
         lines = (f"{key} = {json.dumps(v, ensure_ascii=False)}\n" for key, v in used.items())
         (new / "parameters.toml").write_text("".join(lines), encoding="utf-8")
         outputs = nbformat.read(new / f"{name}.ipynb", as_version=4)
-        text = page.render(notebook, outputs, parameters, comparisons, started, project)
+        made = read_toml(new / "provenance.toml")
+        text = page.render(notebook, outputs, parameters, comparisons, started, project, made)
         (new / f"{name}.html").write_text(text, encoding="utf-8")
         folder = _publish(new, parent, f"{name}-{started:%Y%m%d-%H%M%S}")
     return folder, comparisons, complaints

@@ -7,6 +7,7 @@ import re
 import time
 import timeit
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -184,9 +185,12 @@ def machine(packages: Sequence[str] = PACKAGES) -> pd.DataFrame:
     Parameters
     ----------
     packages : sequence of str
-        Installed packages whose versions matter.
+        Packages whose versions matter; those that are not installed are left out.
     """
-    versions = [f"{name} {metadata.version(name)}" for name in packages]
+    versions = []
+    for name in packages:
+        with suppress(metadata.PackageNotFoundError):
+            versions.append(f"{name} {metadata.version(name)}")
     software = ", ".join([f"Python {platform.python_version()}", *versions])
     load = f"{os.getloadavg()[0]:.1f}"
     return pd.DataFrame([{"machine": computer(), "software": software, "load": load}])

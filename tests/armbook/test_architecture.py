@@ -2,12 +2,14 @@
 
 from dataclasses import fields
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
 from armbook import architecture as module
 from armbook.architecture import FLOORS, architecture, imports, main, part, reduced
 from armsim.arm import AxisParameters
+from reportkit import figures
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +79,13 @@ def test_no_two_boxes_meet(graph):
     assert len(boxes) == len(reduced(graph))
     for n, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:n])
+
+
+def test_drawing_has_the_same_bytes_in_any_order_of_the_modules_and_any_style(graph, tmp_path):
+    figures.save(architecture(graph), tmp_path / "one.svg")
+    with mpl.rc_context({"text.usetex": True, "font.size": 20, "lines.marker": "o"}):
+        figures.save(architecture(dict(reversed(graph.items()))), tmp_path / "two.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
 
 
 def test_table_names_every_module(graph):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from armbook import peers as module
 from armbook import problems
 from armbook.peers import fixed, peers
 from armbook.problems import arm_problems, exactly, linear_problem, region_flow
@@ -45,6 +46,13 @@ def test_restarted_at_the_events_each_solver_converges(step, name):
     _, problem = arm_problems(step)
     solve = peers(1e-8, 1e-8 * problem.size)[name]
     assert problem.error(*problem.run(solve)) < 1e-3  # DOP853 errs between its steps
+
+
+def test_cvode_is_left_out_where_it_cannot_be_installed(monkeypatch):
+    monkeypatch.setattr(module, "CVODE", None)
+    names = list(peers(1e-3, np.ones(1)))
+    assert names == [name for name in NAMES if "CVODE" not in name]
+    assert "DP5(4)" in names
 
 
 def test_fixed_steps_have_their_order_on_the_linear_arm(linear):

@@ -1,6 +1,5 @@
 """The built book in a browser, read from disk."""
 
-import shutil
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -13,7 +12,10 @@ from armsim.arm import AxisParameters, simulate
 from armsim.arm.response import settling_time
 from reportkit import pdf
 
-CHROMIUM = next(filter(None, map(shutil.which, pdf.BROWSERS)), "")
+try:
+    CHROMIUM = pdf.browser()
+except FileNotFoundError:
+    CHROMIUM = ""
 FLAGS = [
     "--no-sandbox",
     "--disable-gpu",

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import ipykernel.kernelspec
 import nbformat
 import pytest
 
@@ -65,8 +66,14 @@ def test_two_runs_give_the_same_bytes_whatever_a_user_has_set(notebook, tmp_path
     results = [tmp_path / "one", tmp_path / "two"]
     assert execute(source, results[0]) == ["said"]
     (tmp_path / "startup.py").write_text("print('Good morning')\n")
-    (tmp_path / "matplotlibrc").write_text("lines.markersize: 20\naxes.labelsize: 20\n")
+    rules = "lines.markersize: 20\naxes.labelsize: 20\ntext.usetex: True\nno.such_key: 1\n"
+    (tmp_path / "matplotlibrc").write_text(rules)
+    other = tmp_path / "kernels" / "python3" / "kernel.json"
+    other.parent.mkdir(parents=True)
+    other.write_text('{"argv": ["false"], "display_name": "another", "language": "python"}')
     settings = {
+        "JUPYTER_DEFAULT_PROVISIONER_NAME": "nowhere",
+        "JUPYTER_PATH": str(tmp_path),
         "MPLBACKEND": "module://nowhere",
         "MPLCONFIGDIR": str(tmp_path),
         "NUMBA_DISABLE_JIT": "1",
@@ -127,6 +134,34 @@ def test_file_that_is_no_notebook_is_named(tmp_path):
     path.write_text("no JSON")
     with pytest.raises(NotebookError, match=r"50_trial\.ipynb is not a notebook"):
         execute(path, tmp_path / "results")
+
+
+@pytest.mark.parametrize(
+    ("code", "why"),
+    [
+        (
+            "raise OSError(28, 'No space left on device')",
+            "OSError: [Errno 28] No space left on device",
+        ),
+        ("", "Kernel died before replying to kernel_info"),
+    ],
+)
+def test_kernel_that_dies_before_it_answers_is_an_error_of_one_line(
+    notebook, tmp_path, capfd, monkeypatch, code, why
+):
+    spec = {"argv": [sys.executable, "-c", code], "display_name": "", "language": "python"}
+    monkeypatch.setattr(ipykernel.kernelspec, "get_kernel_dict", lambda: spec)
+    source = notebook()
+    assert main([str(source), str(tmp_path / "results")]) == 1
+    assert capfd.readouterr().err == f"\n{source} failed: its Python did not start: {why}\n\n"
+    assert contents(tmp_path / "results") == {}
+
+
+def test_folder_that_cannot_be_made_is_an_error_of_one_line(notebook, capfd):
+    source = notebook()
+    assert main([str(source), str(source / "results")]) == 1
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"{source}: [Errno ")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

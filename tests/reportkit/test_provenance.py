@@ -2,13 +2,20 @@
 
 import hashlib
 import platform
+import shutil
 import subprocess
+import tarfile
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from reportkit import provenance
 from reportkit.timing import computer
+
+ROOT = Path(__file__).parents[2]
+SHA256 = ["sha256sum"] if shutil.which("sha256sum") else ["shasum", "--algorithm", "256"]  # macOS
 
 
 @pytest.fixture
@@ -33,12 +40,66 @@ def test_report_that_is_not_installed_tells_the_packages_it_names(toy):
     ]
 
 
-def test_report_in_a_repository_tells_the_commit(toy):
-    git = ["git", "-C", str(toy.root), "-c", "user.name=A", "-c", "user.email=a@b.invalid"]
-    for command in (["init", "-q"], ["add", "pyproject.toml"], ["commit", "-qm", "first"]):
-        subprocess.run([*git, *command], check=True)
-    head = subprocess.check_output([*git, "rev-parse", "--short", "HEAD"], text=True).strip()
-    assert provenance.software(toy)[0] == ("toy", f"not installed, commit {head}")
+def git(folder, *words):
+    who = ("-c", "user.name=A", "-c", "user.email=a@b.invalid")
+    command = ["git", "-C", folder, *who, *words]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def committed(folder):
+    """Make a folder a repository with all files in its first commit, and return that."""
+    for command in (["init", "-q"], ["add", "."], ["commit", "-qm", "first"]):
+        git(folder, *command)
+    return git(folder, "rev-parse", "HEAD")
+
+
+@pytest.mark.parametrize("change", ["pyproject.toml", "new.txt"])
+def test_report_in_a_repository_tells_the_commit_and_changes(toy, change):
+    head = committed(toy.root)
+    assert provenance.commit_of(toy.root) == (head, False)
+    assert provenance.software(toy)[0] == ("toy", f"not installed, commit {head[:7]}")
+    (toy.root / change).write_text("another")
+    assert provenance.commit_of(toy.root) == (head, True)
+    assert provenance.software(toy)[0] == ("toy", f"not installed, commit {head[:7]} with changes")
+
+
+def test_repository_of_others_is_not_told(toy, tmp_path, monkeypatch):
+    committed(tmp_path)
+    assert provenance.commit_of(toy.root) == ("", None)
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / ".git"))  # as in a hook of that repository
+    monkeypatch.setenv("GIT_WORK_TREE", str(toy.root))
+    assert provenance.commit_of(toy.root) == ("", None)
+    assert provenance.software(toy)[0] == ("toy", "not installed")
+
+
+def test_export_tells_the_commit_it_was_made_of(toy, tmp_path):
+    for name in (".gitattributes", provenance.ARCHIVED):
+        shutil.copy(ROOT / name, toy.root)
+    assert provenance.commit_of(toy.root) == ("", None)  # a copy without a repository
+    head = committed(toy.root)
+    git(toy.root, "archive", "--output", tmp_path / "export.tar", "HEAD")
+    with tarfile.open(tmp_path / "export.tar") as archive:
+        archive.extractall(tmp_path / "export", filter="data")
+    assert provenance.commit_of(tmp_path / "export") == (head, None)
+    committed(tmp_path)  # nor is the export a part of another repository
+    assert provenance.commit_of(tmp_path / "export") == (head, None)
+
+
+def test_kept_are_commit_lock_and_versions(toy):
+    provenance.keep(toy, toy.results)
+    kept = toy.results / "provenance.toml"
+    versions = {
+        "toy": "not installed",
+        "Python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+    assert tomllib.loads(kept.read_text()) == {"versions": versions}
+    toy.lock.write_bytes(b"numpy==1")
+    head = committed(toy.root)
+    provenance.keep(toy, toy.results)
+    digest = hashlib.sha256(b"numpy==1").hexdigest()
+    known = {"commit": head, "changed": False, "lock_sha256": digest, "versions": versions}
+    assert tomllib.loads(kept.read_text()) == known
 
 
 def test_installed_report_tells_what_its_extra_requires(toy, monkeypatch):
@@ -62,7 +123,6 @@ def test_all_parts_are_written(toy, monkeypatch):
         "| {doc}`30_two <results/30_two>` | – |",
     ]
     assert f"| numpy | {np.__version__} |" in written["software.md"]
-    checked = subprocess.run(
-        ["sha256sum", "--check", "--quiet", toy.results / "appendix-SHA256SUMS"], cwd=toy.root
-    )
+    sums = toy.results / "appendix-SHA256SUMS"
+    checked = subprocess.run([*SHA256, "--check", sums], cwd=toy.root, capture_output=True)
     assert checked.returncode == 0

@@ -10,6 +10,7 @@ import sys
 import time
 from html.parser import HTMLParser
 
+import numpy as np
 import psutil
 import pytest
 
@@ -75,7 +76,8 @@ def test_rerun_makes_a_folder_with_everything(arguments, folder, capsys):
     (folder / "own.txt").write_text("measured")
     (folder / "given.toml").write_text('size = 3\nmotion = "own.txt"\n')
     (folder / "numpy.py").write_text("raise SystemExit")  # must not stand in for the module
-    assert main([*arguments(), "-f", "given.toml", "-p", "size", "2"]) == 0
+    kernel = "import platform\nplatform.python_version = lambda: '4.0'"
+    assert main([*arguments(kernel), "-f", "given.toml", "-p", "size", "2"]) == 0
     (made,) = (folder / "runs").iterdir()
     assert re.fullmatch(r"50_trial-\d{8}-\d{6}", made.name)
     assert sorted(path.name for path in made.iterdir()) == [
@@ -86,6 +88,7 @@ def test_rerun_makes_a_folder_with_everything(arguments, folder, capsys):
         "50_trial.json",
         "comparison.csv",
         "parameters.toml",
+        "provenance.toml",
         "values.csv",
     ]
     assert (made / "values.csv").read_text().splitlines()[1] == "double,4.0,m"
@@ -115,6 +118,22 @@ def test_rerun_makes_a_folder_with_everything(arguments, folder, capsys):
     assert r"\(x^2\)" in text
     assert "<em>page</em>" in text
     assert "2 of 3 recorded values changed." in text
+    assert f"numpy {np.__version__}, Python 4.0." in text  # those of the kernel
+    assert 'Python" = "4.0"' in (made / "provenance.toml").read_text()
+    assert "provenance" not in (made / "50_trial.ipynb").read_text()
+
+
+def test_windows_lists_and_checks_and_says_that_it_cannot_rerun(
+    arguments, folder, capsys, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    monkeypatch.delitem(sys.modules, "reportkit.execute")
+    assert main(["list", *arguments()[1:]]) == 0
+    assert main(["check", "--results", "../data/expected"]) == 0
+    capsys.readouterr()
+    assert main(arguments()) == 2
+    told = "toy rerun: notebooks run on Linux and macOS; on Windows, use WSL\n"
+    assert capsys.readouterr().err == told
 
 
 def test_failing_notebook_leaves_nothing(arguments, folder, capsys):
