@@ -99,7 +99,7 @@ class LinkSources(SphinxPostTransform):
             known = notebook in self.env.found_docs
             if known and (link := self._link(notebook, file.name, found[2], "source")):
                 link += nodes.Text("Notebook")
-                caption += [nodes.Text(" "), link]
+                caption += [nodes.Text(" · "), link]
 
     def _lead_back(self) -> None:
         """Put the pages that quote a notebook below its title."""
