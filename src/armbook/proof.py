@@ -2,20 +2,21 @@
 
 import numpy as np
 
-from armsim.arm import AxisParameters, Trajectory, dynamics, modes
+from armsim.arm import AxisParameters, dynamics, modes
 from armsim.exact import crossing, modal
 from armsim.exact.crossing import Mode
+from armsim.exact.piecewise_affine import ExactSolution
 
 
-def proven_steps(p: AxisParameters, run: Trajectory, event: int) -> np.ndarray:
+def proven_steps(p: AxisParameters, run: ExactSolution, event: int) -> np.ndarray:
     """Search once more for the guard that caused an event, and return the ends of the steps.
 
     Parameters
     ----------
     p : AxisParameters
         The axis.
-    run : Trajectory
-        An exact run with one input.
+    run : ExactSolution
+        An exact run of the arm with one input.
     event : int
         Index of an event of one cause, whose guard was inside its limits when the piece began.
 
@@ -24,7 +25,7 @@ def proven_steps(p: AxisParameters, run: Trajectory, event: int) -> np.ndarray:
     array
         Times, from the start of the piece to the event.
     """
-    room, (_, volts) = run.solution.room, run.solution.inputs[0]
+    room, (_, volts) = run.room, run.inputs[0]
     piece = np.searchsorted(room.start[:, 0], run.events[event].time) - 1
     n = (room.start.shape[1] - 1) // 2
     limits = np.empty((2, modes.GUARDS))
@@ -40,8 +41,9 @@ def proven_steps(p: AxisParameters, run: Trajectory, event: int) -> np.ndarray:
     crossing.set_slope(here.A, here.b, start)
     crossing.stand(here, start, work)
     formula = modal.piece(known, 0, here.b, start)
-    ends, found = [], crossing.GIVEN_UP
+    ends: list[float] = []
+    found = crossing.GIVEN_UP
     while found == crossing.GIVEN_UP:  # the same search with one more step each time
-        _, found, _ = crossing.first_crossing(here, formula, run.t[-1], len(ends), work)
+        _, found, _ = crossing.first_crossing(here, formula, run.end, len(ends), work)
         ends.append(work.proven[0])
     return room.start[piece, 0] + np.array(ends)
