@@ -223,6 +223,34 @@ def _words(env: BuildEnvironment, page: str) -> int:
     return words
 
 
+#: Id, title and running text of each section of each page.
+_SECTIONS: dict[str, list[tuple[str, str, str]]] = {}
+
+
+def collect_sections(app: Sphinx, doctree: nodes.document, page: str) -> None:
+    """Keep the text of the sections of a page, each without the sections inside it."""
+    _SECTIONS[page] = []
+    for section in doctree.findall(nodes.section):
+        own = [part for part in section.children if not isinstance(part, nodes.section)]
+        prose = " ".join(one.astext() for part in own for one in part.findall(nodes.paragraph))
+        text = " ".join(re.sub(r"<br ?/?>", " ", prose).split())
+        _SECTIONS[page].append((section["ids"][0], own[0].astext(), text))
+
+
+def write_sections(app: Sphinx, error: Exception | None) -> None:
+    """Write the text of all sections as a script for the page of the search."""
+    if error is None and app.builder.name == "html":
+        script = f"const SECTIONS = {json.dumps(_SECTIONS, ensure_ascii=False)};\n"
+        Path(app.outdir, "_static", "sections.js").write_text(script, encoding="utf-8")
+
+
+def load_sections(app: Sphinx, page: str, *_: Any) -> None:
+    """Load the scripts that name the sections of search results, on the page of the search."""
+    if page == "search":
+        for name in ("sections.js", "search_sections.js"):
+            app.add_js_file(name)
+
+
 def set_minus_signs(app: Sphinx, doctree: nodes.document, page: str) -> None:
     """Begin quoted negative numbers with a minus sign instead of a hyphen."""
     for quoted in doctree.findall(nodes.inline):
@@ -248,4 +276,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("doctree-read", link_data, priority=100)
     app.connect("doctree-read", name_cells)
     app.connect("doctree-resolved", set_minus_signs)
+    app.connect("doctree-resolved", collect_sections)
+    app.connect("html-page-context", load_sections)
+    app.connect("build-finished", write_sections)
     return {"version": "1", "parallel_read_safe": True}
