@@ -183,7 +183,9 @@ class Again(SphinxDirective):
             for claim in claims.load(project.claims)
             if claim.page == page
         ]
-        heading = "**Result.** What the paper says on the subject of this page ({doc}`verdicts`):"
+        verdicts = Path(self.env.docname).with_name("verdicts").as_posix()
+        all_of_them = " ({doc}`verdicts`)" if verdicts in self.env.found_docs else ""
+        heading = f"**Result.** What the paper says on the subject of this page{all_of_them}:"
         return [heading, "", *found, ""] if found else []
 
 
@@ -245,15 +247,16 @@ def collect_sections(app: Sphinx, doctree: nodes.document, page: str) -> None:
 def write_sections(app: Sphinx, error: Exception | None) -> None:
     """Write the text of all sections as a script for the page of the search."""
     if error is None and app.builder.name == "html":
-        script = f"const SECTIONS = {json.dumps(_SECTIONS, ensure_ascii=False)};\n"
-        Path(app.outdir, "_static", "sections.js").write_text(script, encoding="utf-8")
+        script = Path(__file__).parent / "templates" / "sections.js"
+        told = f"const SECTIONS = {json.dumps(_SECTIONS, ensure_ascii=False)};\n"
+        told += script.read_text(encoding="utf-8")
+        Path(app.outdir, "_static", "sections.js").write_text(told, encoding="utf-8")
 
 
 def load_sections(app: Sphinx, page: str, *_: Any) -> None:
-    """Load the scripts that name the sections of search results, on the page of the search."""
+    """Load the script that names the sections of search results, on the page of the search."""
     if page == "search":
-        for name in ("sections.js", "search_sections.js"):
-            app.add_js_file(name)
+        app.add_js_file("sections.js")
 
 
 def set_minus_signs(app: Sphinx, doctree: nodes.document, page: str) -> None:

@@ -1,5 +1,5 @@
-// Names the section of each search result and quotes the words around the first hit. SECTIONS comes
-// from a file beside this one, since a browser does not read the pages themselves from disk.
+// Names the section of each search result and quotes the words around the first hit. SECTIONS stands
+// above, since a browser does not read the pages themselves from disk.
 const words = (new URLSearchParams(location.search).get("q") ?? "")
   .toLowerCase()
   .split(/[^\p{L}\p{N}_]+/u)
