@@ -134,7 +134,8 @@ class Study:
             series = {name: pd.Series(np.asarray(data[name])) for name in data}
             self._csv(path.with_suffix(".csv"), pd.DataFrame(series))
         alt = alt or f"Figure of the study {self.name[3:]}: {key}".replace("_", " ")
-        display(SVG(filename=path), metadata={"image/svg+xml": {"alt": alt}})
+        shown = {"image/svg+xml": {"alt": alt}, "name": path.name}  # the name is a link's target
+        display(SVG(filename=path), metadata=shown)
         plt.close(fig)
 
     def table(self, key: str, rows: Iterable[Any], columns: Sequence[str] | None = None) -> None:
@@ -161,8 +162,9 @@ class Study:
         numeric = frame.map(lambda cell: bool(_NUMBER.match(str(cell))))
         right = np.flatnonzero(numeric.mean() > 0.5)
         table = text.markdown_table(list(frame), frame.itertuples(index=False), right)
-        text.write(self._new(key, "md"), table)
-        display(Markdown(table))
+        path = self._new(key, "md")
+        text.write(path, table)
+        display(Markdown(table), metadata={"name": path.name})
 
     def data(self, key: str, frame: pd.DataFrame) -> None:
         """Save data without a figure, such as raw measurements, as ``<results>/<study>-<key>.csv``.

@@ -1,5 +1,6 @@
 """The built book in a browser, read from disk."""
 
+import re
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -25,7 +26,7 @@ FLAGS = [
     "--no-first-run",
 ]
 AXE = Path(axe_playwright_python.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
-WIDTHS = {"laptop": 1280, "phone": 375}
+WIDTHS = {"laptop": 1280, "phone": 360}
 
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="no Chromium here to read the book with")
 
@@ -112,6 +113,11 @@ def test_page_reads_well(path, visit):
         page.set_viewport_size({"width": width, "height": 900})
         too_wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         assert too_wide <= 0, name
+    cut_off = page.evaluate(  # a command wraps
+        "[...document.querySelectorAll('.bd-article .highlight-sh pre')]"
+        ".filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)"
+    )
+    assert cut_off == []
     cut_off = page.evaluate(  # wide formulas and tables scroll from their start
         "[...document.querySelectorAll('.bd-article :is(svg, table, img)')]"
         ".filter(e => e.getBoundingClientRect().left < 0).map(e => e.outerHTML.slice(0, 200))"
@@ -140,9 +146,54 @@ def test_missing_page_leads_to_the_front_page_of_a_book_below_the_root(site, bro
     page.close()
 
 
+def test_logo_and_search_stay_in_sight(path, visit):
+    page = visit(path.as_uri())
+    page.set_viewport_size({"width": 1400, "height": 900})
+    for scrolled in ("", "document.querySelector('.bd-sidebar-primary').scrollTo(0, 10000)"):
+        page.evaluate(scrolled)
+        for part in (".bd-sidebar-primary .logo", ".bd-sidebar-primary .search-button-field"):
+            seen = page.locator(part).evaluate(
+                """e => {
+                    const {left, top, right, bottom} = e.getBoundingClientRect();
+                    const over = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);
+                    return left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight
+                        && e.contains(over);
+                }"""
+            )
+            assert seen, part
+
+
+def sizes_of_text(drawing: str) -> list[float]:
+    """Sizes of the texts of a drawing, in its own units: as outlines, or as text."""
+    outlines = re.findall(r"translate\([^)]*\)[^\"]*? scale\(([\d.]+) -[\d.]+\)", drawing)
+    texts = re.findall(r"font(?:-size)?: ?(?:[a-z0-9]+ )*?([\d.]+)px|font-size=\"([\d.]+)", drawing)
+    return [100 * float(one) for one in outlines] + [float(a or b) for a, b in texts]
+
+
+@pytest.mark.xfail(reason="the figures are drawn for a laptop")
+def test_text_in_figures_is_legible_on_a_phone(path, visit):
+    page = visit(path.as_uri())
+    page.set_viewport_size({"width": WIDTHS["phone"], "height": 900})
+    shown = page.evaluate(
+        "[...document.querySelectorAll('.bd-article img')].filter(e => e.offsetWidth)"
+        ".map(e => [e.getAttribute('src'), e.offsetWidth])"
+    )
+    small = {}
+    for source, width in shown:
+        drawing = (path.parent / source).read_text(encoding="utf-8")
+        box = re.search(r'viewBox="\S+ \S+ (\S+) \S+"', drawing)
+        least = min(sizes_of_text(drawing), default=100) * width / float(box[1])
+        if least < 10:  # px
+            small[Path(source).name] = round(least, 1)
+    assert small == {}
+
+
 def test_search_finds_a_word_from_disk(site, visit):
     page = visit(f"{(site / 'search.html').as_uri()}?q=motor")
     page.wait_for_selector("#search-results li a")
+    section = page.locator("#search-results li", has_text=" › ").first
+    assert section.locator("a").nth(1).get_attribute("href").split("#")[1]
+    assert "motor" in section.locator(".context").inner_text().lower()
     page.locator("#search-results li a").first.click()
     page.wait_for_url(lambda url: "search.html" not in url)
     assert "motor" in page.locator("article").inner_text().lower()

@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import pytest
+
 RESOURCES = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src"}
 REMOTE = re.compile(r"(?:https?:)?//", re.IGNORECASE)
 
@@ -97,3 +99,74 @@ def test_search_index_lists_every_page(site):
     assert sources
     for source in sources:
         assert f'"{source.with_suffix("").as_posix()}"' in index
+
+
+def test_chapter_opens_with_a_bold_finding(path):
+    if path.parent.name == "book":
+        first = re.search(
+            r"<h1>.*?</h1>.*?(<p>.*?</p>)", path.read_text(encoding="utf-8"), re.DOTALL
+        )
+        assert "<strong>" in first[1]
+
+
+def test_quoted_values_link_to_their_cells(page, path):
+    """That the links resolve is tested with all the others."""
+    text = path.read_text(encoding="utf-8")
+    quoted = re.findall(r'(<a [^>]*>)?<span class="pasted-text">', text)
+    for link in quoted:
+        assert re.search(r'class="value .*href="[^"]*results/(\d\d_\w+)\.html#.+ title="\1::', link)
+
+
+def test_figures_and_tables_link_to_their_cells(path):
+    text = path.read_text(encoding="utf-8")
+    if path.parent.name == "book":
+        for figure in re.findall(r"<figure.*?</figure>", text, re.DOTALL):
+            made = re.search(r'src="[^"]*/(\d\d_\w+)-([\w-]+)\.svg"', figure)
+            if made:
+                assert f'title="{made[1]}::{made[2]}"' in figure
+
+
+def test_notebooks_lead_back_to_the_pages_that_quote_them(path, site):
+    if path.parent.name == "results":
+        line = re.search(r'<p class="quoted">.*?</p>', path.read_text(encoding="utf-8"))
+        pages = re.findall(r'href="\.\./([^"]+)"', line[0])
+        assert pages
+        for page in pages:
+            quoting = (path.parent.parent / page).read_text(encoding="utf-8")
+            assert re.search(f"results/{path.stem}.html|{path.stem}-", quoting)
+
+
+def test_chapter_that_quotes_a_notebook_ends_with_the_box(path):
+    """Verdicts and explorer have no notebook to their text."""
+    text = path.read_text(encoding="utf-8")
+    if path.parent.name == "book" and 'class="value ' in text and path.stem != "explorer":
+        _, *boxes = text.partition("</article>")[0].split('<div class="tip again admonition">')
+        assert len(boxes) == 1
+        assert "<h2>" not in boxes[0]
+        assert re.search(r"\.venv/bin/\S+</span>|\.venv/bin/", boxes[0])
+
+
+def test_title_is_not_doubled(path):
+    (title,) = re.findall(r"<title>(.*?)</title>", path.read_text(encoding="utf-8"), re.DOTALL)
+    parts = re.split(r" &#8212; | - ", title)
+    assert len(set(parts)) == len(parts)
+
+
+def test_commands_are_shell(path):
+    blocks = re.findall(r'<div class="highlight-(\w+)[^>]*><div class="highlight"><pre>(.*?)</pre>',
+                        path.read_text(encoding="utf-8"), re.DOTALL)  # fmt: skip
+    for language, code in blocks:
+        told = re.sub(r"<[^>]+>", "", code).lstrip()
+        if path.parent.name == "book" and told.startswith((".venv/", "make ", "git ", "armsim ")):
+            assert language == "sh", told
+
+
+def test_the_main_line_takes_twenty_minutes(site):
+    text = (site / "book" / "guide.html").read_text(encoding="utf-8")
+    main, whole = map(
+        int, re.search(r"about (\d+) minutes.*?about (\d+)", text, re.DOTALL).groups()
+    )
+    assert 15 <= main <= 25 < whole
+    each = [int(number) for number in re.findall(r"\((\d+) min\)", text)]
+    assert sum(each) == pytest.approx(main, abs=len(each) / 2 + 1)  # each is rounded
+    assert "The exponential form</span></a> (" in text

@@ -117,11 +117,13 @@ def test_rerun_compares(report):
 
 def test_page_shows_value_verdict_and_link_to_the_data(report):
     page = (report / "_build" / "html" / "book" / "growth.html").read_text()
-    assert "grows by a factor of <span" in page
+    link = r'grows by a factor of <a class="value[^>]* title="10_growth::factor"><span'
+    assert re.search(link, page)
     assert ">1.65<" in page
     assert "<strong>confirmed</strong>" in page
     assert re.search(r'href="[^"]*10_growth-curve\.csv"', page)
     assert 'property="og:description"' in page
+    assert ".venv/bin/growth rerun growth" in re.sub("<[^>]+>", "", page)
 
 
 @pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser")
