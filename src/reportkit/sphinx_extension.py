@@ -1,4 +1,4 @@
-"""Links from figures to their data, minus signs, and a list of references for screen readers."""
+"""Links to data, minus signs, references for screen readers, and scripts where they are needed."""
 
 from pathlib import Path
 from typing import Any
@@ -37,10 +37,25 @@ def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
     self.body.append(self.starttag(node, "div", CLASS="citation", role="listitem"))
 
 
+def add_assets(app: Sphinx, page: str, template: str, context: Any, doctree: Any) -> None:
+    """Load the scripts and styles that a page names in its front matter under ``assets``.
+
+    The book as one page loads those of all its pages.
+    """
+    metadata = app.env.metadata
+    pages = sorted(metadata) if app.builder.name == "singlehtml" else [page]
+    for name in dict.fromkeys(" ".join(metadata[p].get("assets", "") for p in pages).split()):
+        if name.endswith(".js"):
+            app.add_js_file(name, loading_method="defer")
+        else:
+            app.add_css_file(name)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Connect to Sphinx, before it collects the images and the files to download."""
     visitors = visit_citation, HTMLTranslator.depart_citation
     app.add_node(nodes.citation, override=True, html=visitors)
     app.connect("doctree-read", link_data, priority=100)
     app.connect("doctree-resolved", set_minus_signs)
+    app.connect("html-page-context", add_assets)
     return {"version": "1", "parallel_read_safe": True}
