@@ -48,12 +48,12 @@ def _commit(root: Path) -> str:
 
 def version(project: Project) -> str:
     """Return the version of the report, with its commit and the commit's date if there is one."""
+    own = software(project)[0][1]
+    if "commit" not in own:
+        return own
     command = ["git", "-C", str(project.root), "log", "-1", "--format=%cs"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return software(project)[0][1]
-    return f"{software(project)[0][1]}, {done.stdout.strip()}"
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return ", ".join(filter(None, [own, done.stdout.strip()]))
 
 
 def bundle(results: Path, file: Path) -> None:

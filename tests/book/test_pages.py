@@ -86,3 +86,10 @@ def test_search_index_lists_every_page(site):
     assert sources
     for source in sources:
         assert f'"{source.with_suffix("").as_posix()}"' in index
+
+
+def test_scripts_are_loaded_where_they_are_needed(page, path, site):
+    wanted = {"index": {"motion"}, "book/explorer": {"motion", "explorer"}}
+    name = path.relative_to(site).with_suffix("").as_posix()
+    loaded = {Path(attrs.get("src", "").split("?")[0]).stem for _, attrs in page.tags}
+    assert loaded & {"motion", "explorer"} == wanted.get(name, set())
