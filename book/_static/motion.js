@@ -98,23 +98,29 @@ window.armMotion = (root, table) => {
   };
 
   // One tooth of the pinion between flanks of the rack; in contact, the flank gives way.
-  const gear = panel("gear", 118), x = (micrometres) => 76 + 1.3 * micrometres;
+  const gear = panel("gear", 118), EDGE = 40;
+  let x;
   heading(gear, "gear tooth, magnified");
   const touch = reading(gear);
-  const flanks = [0, 1].map(() => draw("rect", { class: "flank arm-part", y: 34, height: 50 }, gear));
+  const flanks = [0, 1].map(() => draw("path", { class: "flank arm-part" }, gear));
   const tooth = draw("path", { class: "motor-part", d: "M-26,28l10,44h32l10,-44z" }, gear);
-  draw("path", { class: "axis", d: `M${x(-40)},98H${x(180)}M${x(0)},94v8M${x(100)},94v8` }, gear);
-  draw("text", { class: "small", x: x(0), y: 114, "text-anchor": "middle" }, gear, "0");
-  draw("text", { class: "small", x: x(100), y: 114, "text-anchor": "middle" }, gear, "100 µm");
+  const scale = draw("g", {}, gear);
+  const scaleGear = () => {
+    const apart = run.curves.difference[1];
+    const [low, high] = [Math.min(-40, ...apart), Math.max(160, ...apart)];
+    x = (micrometres) => EDGE + ((W - 2 * EDGE) * (micrometres - low)) / (high - low);
+    scale.replaceChildren();
+    draw("path", { class: "axis", d: `M${x(low)},98H${x(high)}M${x(0)},94v8M${x(100)},94v8` }, scale);
+    draw("text", { class: "small", x: x(0), y: 114, "text-anchor": "middle" }, scale, "0");
+    draw("text", { class: "small", x: x(100), y: 114, "text-anchor": "middle" }, scale, "100 µm");
+  };
   const contact = () => (state().contact ? `force ${told(at("gear_force", now)[0], 0)} N` : "no contact");
   const showGear = () => {
     const apart = at("difference", now)[0], side = state().contact;
     const left = x(side < 0 ? apart : -table.play), right = x(side > 0 ? apart : table.play);
-    const boxes = [[left - 66, 44], [right + 22, W - right - 22]];
-    flanks.forEach((flank, n) => {
-      flank.setAttribute("x", boxes[n][0]), flank.setAttribute("width", Math.max(0, boxes[n][1]));
-      flank.classList.toggle("pressed", side === 2 * n - 1);
-    });
+    flanks[0].setAttribute("d", `M0,34H${left - 24.6}L${left - 13.3},84H0z`); // as steep as the tooth
+    flanks[1].setAttribute("d", `M${W},34H${right + 24.6}L${right + 13.3},84H${W}z`);
+    flanks.forEach((flank, n) => flank.classList.toggle("pressed", side === 2 * n - 1));
     tooth.setAttribute("transform", `translate(${x(apart)},0)`);
     touch.textContent = contact();
   };
@@ -216,6 +222,7 @@ window.armMotion = (root, table) => {
     const positions = times.map((t, n) => (sum += n ? ((t - times[n - 1]) * (speeds[n] + speeds[n - 1])) / 2 : 0));
     run = { ...chosen, goal, positions, slow: slowed(chosen.events) };
     plotSpeed();
+    scaleGear();
     list.replaceChildren(...run.events.map((event) => {
       const item = document.createElement("li"), choose = item.appendChild(document.createElement("button"));
       choose.type = "button";
@@ -223,6 +230,7 @@ window.armMotion = (root, table) => {
       choose.addEventListener("click", () => jump(event.time));
       return item;
     }));
+    list.classList.toggle("long", run.events.length > 20);
     // It stands still where the tooth is crossing its play.
     const n = run.events.findIndex((event) => event.time > 0.02 && event.contact === 0);
     jump(n < 0 ? 0 : (run.events[n].time + (run.events[n + 1]?.time ?? table.t_end)) / 2);
