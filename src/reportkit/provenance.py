@@ -98,7 +98,7 @@ def write(project: Project, results: Path) -> None:
     short = [(f"`{name}`", f"`{digest[:16]}`") for digest, name in data]
     parts = {
         "software.md": text.markdown_table(["package", "version"], software(project)),
-        "version.md": f"{version(project)}\n",
+        "version.md": f"**Version** {version(project)}\n",
         "computer.md": f"{computer()}\n",
         "run-times.md": text.markdown_table(["notebook", "run time / s"], run_times(results), [1]),
         "sums.md": text.markdown_table(["file", "SHA-256, first 16 digits"], short),

@@ -58,6 +58,7 @@ def test_all_parts_are_written(toy, monkeypatch):
     digest = hashlib.sha256(b"1,2\n").hexdigest()
     assert written["SHA256SUMS"] == f"{digest}  data/own/a.csv\n"
     assert f"| `data/own/a.csv` | `{digest[:16]}` |" in written["sums.md"]
+    assert written["version.md"] == "**Version** not installed\n"
     assert written["computer.md"] == f"{computer()}\n"
     assert written["run-times.md"].splitlines()[2:] == [
         "| {doc}`20_one <results/20_one>` | 4.2 |",
