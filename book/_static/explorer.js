@@ -5,33 +5,12 @@
   if (!root) return; // every page loads this, the book as one page as well
   const table = JSON.parse(document.getElementById("explorer-data").textContent);
   const names = Object.keys(table.grid);
-  const unpack = (text) => {
-    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-    const view = new DataView(bytes.buffer);
-    return Int16Array.from({ length: bytes.length / 2 }, (_, n) => view.getInt16(2 * n, true));
-  };
-  const counts = unpack(table.counts);
-  const points = unpack(table.points);
-  const starts = [0];
-  counts.forEach((count, n) => starts.push(starts[n] + 2 * count));
-
+  const runs = window.armRuns(table);
   const place = (at) => names.reduce((n, name) => n * table.grid[name].length + at[name], 0);
-  const curve = (at, k) => {
-    const n = place(at) * table.curves.length + k;
-    return Array.from({ length: counts[n] }, (_, m) => [
-      points[starts[n] + m] * table.tick,
-      points[starts[n] + counts[n] + m] * table.scale[k],
-    ]);
-  };
 
-  const W = 620, H = 190, LEFT = 52, TOP = 26, BOTTOM = 22, LAST = 20;
+  const H = 168, LEFT = 52, TOP = 24, BOTTOM = 22, LAST = 20;
   const TITLES = ["velocity / (m/s)", "motor current / A", "gear force / N"];
-  const made = (name, attributes, parent, text = "") => {
-    const node = document.createElementNS("http://www.w3.org/2000/svg", name);
-    Object.entries(attributes).forEach(([key, value]) => node.setAttribute(key, value));
-    node.textContent = text;
-    return parent.appendChild(node);
-  };
+  const made = window.armDraw;
   // Round numbers that span an interval in so many steps or somewhat fewer.
   const ticks = (low, high, wanted = 4) => {
     const rough = (high - low) / wanted;
@@ -44,18 +23,31 @@
   const told = (value, digits = 3) =>
     (Math.abs(value) < 1e-12 ? 0 : Number(value.toPrecision(digits))).toString().replace("-", "−");
 
+  const shown = root.querySelector("select");
+  const box = root.querySelector(".plots");
   const plots = TITLES.map((title, k) => {
-    const svg = made("svg", { viewBox: `0 0 ${W} ${H + (k === 2 ? LAST : 0)}`, role: "img", "aria-label": `${title} against time; the numbers stand in the table below` }, root.querySelector(".plots"));
+    const height = H + (k === 2 ? LAST : 0);
+    const svg = made("svg", { height, role: "img", "aria-label": `${title} against time; the numbers are in the table` }, box);
     const axes = made("g", {}, svg);
     const old = made("path", { class: "curve published" }, svg);
     const now = made("path", { class: "curve chosen", "data-curve": table.curves[k] }, svg);
     made("text", { x: 0, y: 14 }, svg, title);
-    if (k === 2) made("text", { x: (LEFT + W) / 2, y: H + LAST - 6, "text-anchor": "middle" }, svg, "time / s");
-    return (at) => {
-      const both = [curve(table.published, k), curve(at, k)];
-      const values = both.flat().map((point) => point[1]);
-      const [low, high] = [Math.min(0, ...values), Math.max(...values)];
-      const x = (t) => LEFT + ((W - LEFT - 8) * t) / table.t_end;
+    const name = k === 2 ? made("text", { y: H + LAST - 6, "text-anchor": "middle" }, svg, "time / s") : null;
+    return (cases) => {
+      const W = box.clientWidth || 600; // a unit is a pixel, so that labels keep their size
+      svg.setAttribute("viewBox", `0 0 ${W} ${height}`);
+      name?.setAttribute("x", (LEFT + W) / 2);
+      const end = Number(shown.value);
+      const both = cases.map((one) => one.curves[table.curves[k]]).map(([times, values]) => {
+        const last = times.findIndex((t) => t > end); // the first corner beyond the window
+        const [a, b] = [times[last - 1], times[last]];
+        if (last < 0) return times.map((t, n) => [t, values[n]]);
+        const v = values[last - 1] + ((values[last] - values[last - 1]) * (end - a)) / (b - a);
+        return [...times.slice(0, last).map((t, n) => [t, values[n]]), [end, v]];
+      });
+      const reached = both.flat().map((point) => point[1]);
+      const [low, high] = [Math.min(0, ...reached), Math.max(...reached)];
+      const x = (t) => LEFT + ((W - LEFT - 8) * t) / end;
       const y = (v) => TOP + ((H - TOP - BOTTOM) * (high - v)) / (high - low);
       const path = (line) => "M" + line.map(([t, v]) => `${x(t).toFixed(1)},${y(v).toFixed(1)}`).join("L");
       axes.replaceChildren();
@@ -63,7 +55,7 @@
         made("line", { class: "grid", x1: LEFT, x2: W - 8, y1: y(v), y2: y(v) }, axes);
         made("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, axes, told(v));
       }
-      for (const t of ticks(0, table.t_end, 6)) {
+      for (const t of ticks(0, end, 6)) {
         made("text", { x: x(t), y: H - 4, "text-anchor": "middle" }, axes, told(t));
       }
       old.setAttribute("d", path(both[0]));
@@ -73,10 +65,11 @@
 
   const inputs = Object.fromEntries(names.map((name) => [name, root.querySelector(`input[name=${name}]`)]));
   const chosen = () => Object.fromEntries(names.map((name) => [name, Number(inputs[name].value)]));
+  const motion = window.armMotion(document.querySelector(".arm-motion:not([data-table])"), table);
   const numbers = (column, at) => {
     for (const [name, value] of Object.entries(table.numbers[place(at)])) {
       const cell = root.querySelector(`[data-number=${name}] .${column}`);
-      cell.textContent = value === null ? "not yet" : told(value, 4);
+      cell.textContent = value === null ? "–" : told(value, 4);
     }
   };
   const show = () => {
@@ -86,7 +79,9 @@
       root.querySelector(`output[for=explorer-${name}]`).textContent = text;
       inputs[name].setAttribute("aria-valuetext", text);
     }
-    plots.forEach((plot) => plot(at));
+    const run = runs(place(at));
+    draw();
+    motion(run, table.grid.set_velocity[at.set_velocity] / 10);
     numbers("chosen-number", at);
   };
   const choose = (at) => {
@@ -111,12 +106,15 @@
       history.replaceState(null, "", "#" + names.map((key) => `${key}=${table.grid[key][at[key]]}`).join("&"));
     });
   }
+  const draw = () => plots.forEach((plot) => plot([table.published, chosen()].map((at) => runs(place(at)))));
+  shown.addEventListener("change", draw);
+  window.addEventListener("resize", draw);
   root.querySelector("button").addEventListener("click", () => {
     choose({});
     history.replaceState(null, "", location.pathname + location.search);
   });
   window.addEventListener("hashchange", fromAddress);
+  root.hidden = false;
   numbers("published-number", table.published);
   fromAddress();
-  root.hidden = false;
 })();

@@ -1,4 +1,4 @@
-"""An exact run and its events, compared with reference solutions of 35 digits."""
+"""Events of an exact run in words, and compared with reference solutions of 35 digits."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,24 @@ from typing import NamedTuple
 import numpy as np
 
 from armsim.arm import AxisParameters, simulate
+from armsim.arm.dynamics import STUCK, Region
 from armsim.methods.convergence import relative_error
+
+
+def story(before: Region, after: Region) -> str:
+    """Return in words what the change from one region to another means for the arm."""
+    told = []
+    for part, name in (("preamplifier", "preamplifier"), ("power", "motor voltage")):
+        if getattr(before, part) != getattr(after, part):
+            told.append(f"{name} {'reaches' if getattr(after, part) else 'leaves'} its limit")
+    if before.contact != after.contact:
+        verb, where = ("meet on", after) if after.contact else ("part from", before)
+        told.append(f"teeth {verb} the {'driving' if where.contact > 0 else 'braking'} flank")
+    if before.friction != after.friction:
+        begins = "the arm breaks loose" if before.friction == STUCK else "static friction sets in"
+        ends = {0: "static friction ends", STUCK: "the arm comes to rest and sticks"}
+        told.append(ends.get(after.friction, begins))
+    return ", ".join(told)
 
 
 class Agreement(NamedTuple):

@@ -298,13 +298,16 @@ class Verdicts:
         return f"Of {len(self.claims)} claims, {joined}.\n"
 
     def listed(self, pages: str) -> str:
-        """Return the claims by verdict as cards of links into a folder of pages, for a grid."""
-        cards = []
+        """Return the claims by verdict as lists of links into a folder of pages."""
+        parts = []
         for verdict, claims in self.by_verdict().items():
-            heading = f"{VERDICTS[verdict]} {len(claims)} {_PLURAL.get(verdict, verdict)}"
-            links = [f"- {{doc}}`{claim.name} <{pages}/{claim.page}>`" for claim in claims]
-            cards.append("\n".join([f":::{{grid-item-card}} {heading}", *links, ":::", ""]))
-        return "\n".join(cards)
+            lines = [f"**{VERDICTS[verdict]} {len(claims)} {_PLURAL.get(verdict, verdict)}**", ""]
+            for claim in claims:
+                why = f": {claim.note}" if verdict == REFUTED and claim.note else ""
+                lines.append(f"- {{doc}}`{claim.name} <{pages}/{claim.page}>`{why}")
+            name = verdict.replace(" ", "-")
+            parts.append("\n".join([f":::{{div}} verdict verdict-{name}", *lines, ":::", ""]))
+        return "\n".join(parts)
 
 
 def main(arguments: list[str]) -> int:

@@ -7,6 +7,7 @@ import platform
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib import metadata
@@ -93,6 +94,30 @@ def _sum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def version(project: Project) -> str:
+    """Return the version of the report, with its commit and the commit's date if there is one."""
+    own, (commit, _) = software(project)[0][1], commit_of(project.root)
+    command = ["git", "-C", str(project.root), "log", "-1", "--format=%cs", commit]
+    if commit and (date := subprocess.run(command, capture_output=True, text=True).stdout.strip()):
+        return f"{own}, {date}"
+    return own
+
+
+def bundle(results: Path, file: Path) -> None:
+    """Pack the executed notebooks with their values, tables, data and figures; the same each time.
+
+    Parameters
+    ----------
+    results, file
+        The folder of the results, and the ZIP file to write.
+    """
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(results.glob("[0-9][0-9]_*.*")):
+            if path.suffix in (".ipynb", ".json", ".csv", ".svg", ".md"):
+                entry = zipfile.ZipInfo(f"results/{path.name}")  # of 1980, not of today
+                archive.writestr(entry, path.read_bytes(), zipfile.ZIP_DEFLATED)
+
+
 def run_times(results: Path) -> Iterator[tuple[str, str]]:
     """List the executed notebooks, as links, each with the seconds that it took."""
     for path in text.studies(results, ".ipynb"):
@@ -120,6 +145,7 @@ def write(project: Project, results: Path) -> None:
     short = [(f"`{name}`", f"`{digest[:16]}`") for digest, name in data]
     parts = {
         "software.md": text.markdown_table(["package", "version"], software(project)),
+        "version.md": f"**Version** {version(project)}\n",
         "computer.md": f"{computer()}\n",
         "run-times.md": text.markdown_table(["notebook", "run time / s"], run_times(results), [1]),
         "sums.md": text.markdown_table(["file", "SHA-256, first 16 digits"], short),
@@ -127,6 +153,7 @@ def write(project: Project, results: Path) -> None:
     }
     for name, content in parts.items():
         text.write(results / f"appendix-{name}", content)
+    bundle(results, results / "appendix-results.zip")
 
 
 def main(arguments: list[str]) -> int:

@@ -27,7 +27,9 @@ def describe(
     app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: nodes.document | None
 ) -> None:
     """Give a page its description, the first paragraph, and a card for links to it (Open Graph)."""
-    first = doctree.next_node(nodes.paragraph) if doctree else None
+    paragraphs = doctree.findall(nodes.paragraph) if doctree else ()
+    # not the line of a notebook that names the pages that quote it
+    first = next((one for one in paragraphs if "quoted" not in one["classes"]), None)
     if first is None:
         return
     text = textwrap.shorten(first.astext(), 200, placeholder=" …")

@@ -273,6 +273,20 @@ def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
     self.body.append(self.starttag(node, "div", CLASS="citation", role="listitem"))
 
 
+def add_assets(app: Sphinx, page: str, template: str, context: Any, doctree: Any) -> None:
+    """Load the scripts and styles that a page names in its front matter under ``assets``.
+
+    The book as one page loads those of all its pages.
+    """
+    metadata = app.env.metadata
+    pages = sorted(metadata) if app.builder.name == "singlehtml" else [page]
+    for name in dict.fromkeys(" ".join(metadata[p].get("assets", "") for p in pages).split()):
+        if name.endswith(".js"):
+            app.add_js_file(name, loading_method="defer")
+        else:
+            app.add_css_file(name)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Connect to Sphinx, before it collects the images and the files to download."""
     app.setup_extension("reportkit.sharing")
@@ -288,4 +302,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("doctree-resolved", collect_sections)
     app.connect("html-page-context", load_sections)
     app.connect("build-finished", write_sections)
+    app.connect("html-page-context", add_assets)
     return {"version": "1", "parallel_read_safe": True}

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armbook.events import agreement
+from armbook.events import agreement, story
+from armsim.arm.dynamics import STUCK, Region
 
 REFERENCES = Path(__file__).parents[1] / "reference"
 
@@ -50,3 +51,23 @@ def test_a_run_without_events_has_no_delay(wanted, file):
     file.write_text(json.dumps(wanted))
     assert agreement(file)[::2] == (0, 0.0)
     assert np.isfinite(agreement(file).error)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (Region(0, 0, 0, 0), Region(1, 0, 0, 0), "preamplifier reaches its limit"),
+        (Region(0, -1, 0, 0), Region(0, 0, 0, 0), "motor voltage leaves its limit"),
+        (Region(0, 0, 1, 0), Region(0, 0, 0, 0), "teeth part from the driving flank"),
+        (Region(0, 0, 0, 0), Region(0, 0, -1, 0), "teeth meet on the braking flank"),
+        (
+            Region(1, 0, 0, STUCK),
+            Region(1, 0, 1, 1),
+            "teeth meet on the driving flank, the arm breaks loose",
+        ),
+        (Region(0, 0, 1, 1), Region(0, 0, 1, STUCK), "the arm comes to rest and sticks"),
+        (Region(0, 0, 1, 0), Region(0, 0, 1, 1), "static friction sets in"),
+    ],
+)
+def test_events_in_words(before, after, words):
+    assert story(before, after) == words

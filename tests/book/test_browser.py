@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import sync_playwright
 
+from armbook import explorer
 from armsim.arm import AxisParameters, simulate
-from armsim.arm.response import settling_time
 from reportkit import pdf
 
 try:
@@ -52,8 +52,10 @@ def visit(browser):
         if message.type == "error":
             complaints.append(message.text)
 
-    def visit(url):
-        context = browser.new_context(viewport={"width": WIDTHS["laptop"], "height": 900})
+    def visit(url, stopped=False, **options):
+        context = browser.new_context(
+            viewport={"width": WIDTHS["laptop"], "height": 900}, **options
+        )
         context.set_default_timeout(300_000)  # ms; for a page that will never come, not a slow one
         contexts.append(context)
         page = context.new_page()
@@ -61,7 +63,11 @@ def visit(browser):
         page.on("requestfailed", lambda request: complaints.append(f"lacks {request.url}"))
         page.on("console", console)
         page.on("pageerror", lambda error: complaints.append(str(error)))
+        if stopped:  # time passes for the page only when the test says so
+            page.clock.install(time=0)
         page.goto(url)
+        if stopped:
+            page.clock.pause_at(10_000)
         page.evaluate("() => window.MathJax?.startup?.promise")
         return page
 
@@ -216,17 +222,8 @@ class TestExplorer:
 
     def expected(self, T_p, K_2, volts):
         p = AxisParameters.paper_x_axis(T_p=T_p, K_2=K_2)
-        run = simulate(p, set_velocity=volts, t_end=1.2)
-        t = np.linspace(0, 1.2, 120_001)
-        y, force = run(t), run.auxiliary(t)["f_g"]
-        goal = volts / 10
-        return {
-            "final_velocity": y[1, -1],
-            "largest_velocity": y[1].max(),
-            "settling_time": settling_time(t, y[1], goal, 0.02 * goal),
-            "largest_current": abs(y[6]).max(),
-            "largest_force": abs(force).max(),
-        }
+        run, t = simulate(p, volts, 4.0), np.linspace(0, 4.0, 200_001)
+        return explorer.quality(run, t, explorer.sampled(run, t), volts / 10)
 
     def assert_shows(self, page, *case):
         shown, expected = self.numbers(page), self.expected(*case)
@@ -254,7 +251,7 @@ class TestExplorer:
         address = "#T_p={:g}&K_2={:g}&set_velocity={:g}".format(*case)
         page = visit((site / "book" / "explorer.html").as_uri() + address)
         self.assert_shows(page, *case)
-        page.get_by_role("button", name="Back to the published case").click()
+        page.get_by_role("button", name="Published case").click()
         assert self.numbers(page) == self.numbers(page, "published-number")
 
     def test_curves_are_those_of_a_run(self, site, visit):
@@ -269,12 +266,162 @@ class TestExplorer:
         texts = svg.locator("text[text-anchor=end]").all_text_contents()
         labels = [float(text) for text in texts]
         scale = np.polyfit(lines, labels, 1)
-        t = 1.2 * (x - x[0]) / (x[-1] - x[0])
-        run = simulate(AxisParameters.paper_x_axis(T_p=0.1, K_2=550.0), 6.0, 1.2)
-        exact = run(np.clip(t, 0, 1.2))[1]
+        t = 4.0 * (x - x[0]) / (x[-1] - x[0])
+        run = simulate(AxisParameters.paper_x_axis(T_p=0.1, K_2=550.0), 6.0, 4.0)
+        exact = run(np.clip(t, 0, 4.0))[1]
         assert np.polyval(scale, y) == pytest.approx(exact, abs=0.01 * np.ptp(exact))
 
     def test_table_is_small(self, site):
         size = (site / "book" / "explorer.html").stat().st_size
+        size += sum((site / "_static" / f"motion.{end}").stat().st_size for end in ("js", "css"))
         size += sum((site / "_static" / f"explorer.{end}").stat().st_size for end in ("js", "css"))
         assert size <= 3_000_000
+
+    def test_plots_fit_between_their_sliders_and_the_numbers(self, explorer):
+        explorer.set_viewport_size({"width": 1400, "height": 900})
+        sliders, plots, numbers = (
+            explorer.locator(f".explorer .{name}").bounding_box()
+            for name in ("sliders", "plots", "numbers")
+        )
+        assert sliders["x"] + sliders["width"] <= plots["x"]
+        assert plots["x"] + plots["width"] <= numbers["x"]
+        assert numbers["x"] + numbers["width"] <= 1400
+        assert plots["y"] + plots["height"] <= 900
+
+    def test_the_window_can_be_shortened(self, explorer):
+        times = "svg text[text-anchor=middle]"
+        shown = [explorer.locator(f".plots {times}").all_text_contents()]
+        explorer.get_by_label("plotted").select_option("1.2")
+        shown.append(explorer.locator(f".plots {times}").all_text_contents())
+        assert "4" in shown[0] and "4" not in shown[1]
+        assert "1.2" in shown[1]
+
+    def test_animation_is_that_of_the_chosen_case(self, explorer):
+        explorer.get_by_label("tachometer").press("Home")
+        run = simulate(AxisParameters.paper_x_axis(K_2=100.0), 10.0, 4.0)
+        assert explorer.locator(".arm-motion li").count() == len(run.events)
+
+    def test_hints_are_what_the_screen_shows(self, site, visit):
+        page = visit((site / "book" / "explorer.html").as_uri() + "#T_p=4.74")
+        shown = float(self.numbers(page)["overshoot"])
+        hint = page.locator("li", has_text="Raise").inner_text()
+        assert f"overshoots by {shown:.0f} %" in hint
+
+
+@pytest.mark.parametrize("name", ["index", "book/explorer"])
+def test_labels_are_large_enough_on_a_phone(name, site, visit):
+    page = visit((site / f"{name}.html").as_uri())
+    page.set_viewport_size({"width": 360, "height": 800})
+    sizes = page.locator(":is(.explorer, .arm-motion) svg text").evaluate_all(
+        "all => all.map(e => parseFloat(getComputedStyle(e).fontSize)"
+        " * e.getScreenCTM().a).filter(Number.isFinite)"
+    )
+    assert sizes
+    assert min(sizes) >= 11
+
+
+class TestMotion:
+    """The animation of the front page, for a reader who asked for less motion unless it says so."""
+
+    @pytest.fixture
+    def still(self, site, visit):
+        url = (site / "index.html").as_uri()
+        return visit(url, stopped=True, reduced_motion="reduce")
+
+    @pytest.fixture
+    def run(self):
+        return simulate(AxisParameters.paper_x_axis(), 10.0, 1.0)
+
+    def now(self, page):
+        """Time on the clock in s."""
+        return float(page.locator(".arm-motion .clock").inner_text().split()[0]) / 1e3
+
+    def advance(self, page, start, seconds=0.5):
+        """Play from a time on; how far the run gets."""
+        page.get_by_label("time", exact=True).fill(str(start))
+        page.get_by_role("button", name="Play").click()
+        page.clock.run_for(1e3 * seconds)
+        page.get_by_role("button", name="Pause").click()
+        return self.now(page) - start
+
+    def test_stands_still_until_a_key_starts_it(self, still, run):
+        before = self.now(still)
+        still.locator(".arm-motion").scroll_into_view_if_needed()
+        still.clock.run_for(2000)
+        assert self.now(still) == before
+        assert run.events[6].time < before < run.events[7].time  # the tooth crosses its play
+        still.get_by_role("button", name="Play").focus()
+        still.keyboard.press("Enter")
+        still.clock.run_for(500)
+        assert self.now(still) > before
+        still.keyboard.press("Space")
+        stopped = self.now(still)
+        still.clock.run_for(500)
+        assert self.now(still) == stopped
+
+    def test_begins_by_itself_without_that_wish(self, site, visit):
+        page = visit((site / "index.html").as_uri(), reduced_motion="no-preference")
+        page.locator(".arm-motion").scroll_into_view_if_needed()
+        page.get_by_role("button", name="Pause").wait_for()
+
+    def test_arrow_keys_move_the_time(self, still):
+        slider = still.get_by_label("time", exact=True)
+        slider.press("Home")
+        assert self.now(still) == 0
+        slider.press("ArrowRight")
+        assert self.now(still) == pytest.approx(0.001)
+        assert slider.get_attribute("aria-valuetext").startswith("1.000 ms: arm at 0.000 m")
+
+    def test_shows_what_a_run_has(self, still, run):
+        slider = still.get_by_label("time", exact=True)
+        for t in (0.003, 0.2, 0.5, 0.803, 0.81, 0.83, 1.0):
+            slider.fill(str(t))
+            told = slider.get_attribute("aria-valuetext").replace("−", "-")
+            place, velocity, gear = told.partition(": arm at ")[2].split(", ")
+            y, force = run(t), run.auxiliary([t])["f_g"][0]
+            assert float(place.split()[0]) == pytest.approx(y[0], abs=0.001)
+            assert float(velocity.split()[0]) == pytest.approx(y[1], abs=0.001)
+            if force == 0:
+                assert gear == "gear no contact"
+            else:
+                assert float(gear.split()[-2]) == pytest.approx(force, abs=2)
+
+    def test_events_light_up_as_they_happen(self, still, run):
+        items = still.locator(".arm-motion li")
+        told = [float(text.split()[0]) / 1e3 for text in items.all_inner_texts()]
+        assert told == pytest.approx([event.time for event in run.events], abs=5e-5)
+        for n in (0, 4, 11):
+            items.nth(n).get_by_role("button").press("Enter")
+            assert still.locator(".arm-motion li.past").count() == n + 1
+            newest = still.locator(".arm-motion li[aria-current]")
+            assert newest.inner_text() == items.nth(n).inner_text()
+
+    def test_bars_touch_their_limits(self, still, run):
+        slider, bars = still.get_by_label("time", exact=True), still.locator(".arm-motion .bar")
+        for t, at_limit in ((0.0001, 2), (0.4, 1), (0.81, 0)):
+            slider.evaluate("(e, t) => { e.step = 'any'; e.value = t; }", t)
+            slider.dispatch_event("input")
+            assert still.locator(".arm-motion .at-limit").count() == at_limit, t
+        assert bars.count() == 3
+
+    def test_the_release_is_in_slow_motion(self, still):
+        quick, slow = self.advance(still, 0.4), self.advance(still, 0.8)
+        assert quick == pytest.approx(0.125, rel=0.1)
+        assert slow == pytest.approx(0.005, rel=0.2)
+        still.get_by_label("pace").select_option("1")
+        assert self.advance(still, 0.3) == pytest.approx(0.5, rel=0.1)
+
+    def test_a_figure_stands_in_its_place_in_print_and_without_the_script(
+        self, site, visit, browser
+    ):
+        url = (site / "index.html").as_uri()
+        page = visit(url)
+        figure, motion = page.locator(".arm-still img").first, page.locator(".arm-motion")
+        assert motion.is_visible() and not figure.is_visible()
+        page.emulate_media(media="print")
+        assert figure.is_visible() and not motion.is_visible()
+        bare = browser.new_page(java_script_enabled=False)
+        bare.goto(url)
+        assert bare.locator(".arm-still img").first.is_visible()
+        assert not bare.locator(".arm-motion").is_visible()
+        bare.close()

@@ -170,3 +170,10 @@ def test_the_main_line_takes_twenty_minutes(site):
     each = [int(number) for number in re.findall(r"\((\d+) min\)", text)]
     assert sum(each) == pytest.approx(main, abs=len(each) / 2 + 1)  # each is rounded
     assert "The exponential form</span></a> (" in text
+
+
+def test_scripts_are_loaded_where_they_are_needed(page, path, site):
+    wanted = {"index": {"motion"}, "book/explorer": {"motion", "explorer"}}
+    name = path.relative_to(site).with_suffix("").as_posix()
+    loaded = {Path(attrs.get("src", "").split("?")[0]).stem for _, attrs in page.tags}
+    assert loaded & {"motion", "explorer"} == wanted.get(name, set())

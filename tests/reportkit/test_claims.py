@@ -148,13 +148,21 @@ def test_the_summary_counts():
 
 
 def test_the_list_has_every_claim_below_its_verdict():
-    some = [claim(TRUE, name="a"), claim(FALSE, name="b"), claim(TRUE, name="c")]
+    some = [
+        claim(TRUE, name="a"),
+        claim(FALSE, name="b", note="why"),
+        claim(TRUE, name="c", note="not told"),
+    ]
     assert Verdicts(some, RECORDS).listed("/book").splitlines() == [
-        ":::{grid-item-card} ✗ 1 refuted",
-        "- {doc}`b </book/model>`",
+        ":::{div} verdict verdict-refuted",
+        "**✗ 1 refuted**",
+        "",
+        "- {doc}`b </book/model>`: why",
         ":::",
         "",
-        ":::{grid-item-card} ✓ 2 confirmed",
+        ":::{div} verdict verdict-confirmed",
+        "**✓ 2 confirmed**",
+        "",
         "- {doc}`a </book/model>`",
         "- {doc}`c </book/model>`",
         ":::",

@@ -1,11 +1,13 @@
 """Tests of the software, run times and sums that a report tells."""
 
 import hashlib
+import os
 import platform
 import shutil
 import subprocess
 import tarfile
 import tomllib
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -113,10 +115,11 @@ def test_installed_report_tells_what_its_extra_requires(toy, monkeypatch):
 def test_all_parts_are_written(toy, monkeypatch):
     monkeypatch.chdir(toy.root)
     assert provenance.main([str(toy.results)]) == 0
-    written = {path.name[9:]: path.read_text() for path in toy.results.glob("appendix-*")}
+    written = {path.name[9:]: path.read_text() for path in toy.results.glob("appendix-*[!p]")}
     digest = hashlib.sha256(b"1,2\n").hexdigest()
     assert written["SHA256SUMS"] == f"{digest}  data/own/a.csv\n"
     assert f"| `data/own/a.csv` | `{digest[:16]}` |" in written["sums.md"]
+    assert written["version.md"] == "**Version** not installed\n"
     assert written["computer.md"] == f"{computer()}\n"
     assert written["run-times.md"].splitlines()[2:] == [
         "| {doc}`20_one <results/20_one>` | 4.2 |",
@@ -126,3 +129,29 @@ def test_all_parts_are_written(toy, monkeypatch):
     sums = toy.results / "appendix-SHA256SUMS"
     checked = subprocess.run([*SHA256, "--check", sums], cwd=toy.root, capture_output=True)
     assert checked.returncode == 0
+
+
+def test_version_ends_with_the_date_of_the_commit(toy):
+    assert provenance.version(toy) == "not installed"
+    git = ["git", "-C", str(toy.root), "-c", "user.name=A", "-c", "user.email=a@b.invalid"]
+    subprocess.run([*git, "init", "-q"], check=True)
+    subprocess.run([*git, "add", "pyproject.toml"], check=True)
+    dates = {"GIT_COMMITTER_DATE": "2026-02-03T12:00:00Z", "PATH": os.environ["PATH"]}
+    subprocess.run([*git, "commit", "-qm", "first"], check=True, env=dates)
+    told = provenance.version(toy)
+    assert told.startswith("not installed, commit ")
+    assert told.endswith(", 2026-02-03")
+
+
+def test_bundle_has_the_results_of_all_notebooks_and_is_the_same_each_time(toy, tmp_path):
+    (toy.results / "20_one-table.md").write_text("| a |")
+    (toy.results / "verdicts.md").touch()
+    files = [tmp_path / "first.zip", tmp_path / "second.zip"]
+    for file in files:
+        provenance.bundle(toy.results, file)
+        os.utime(toy.results / "20_one.ipynb", (0, 0))
+    assert files[0].read_bytes() == files[1].read_bytes()
+    with zipfile.ZipFile(files[0]) as archive:
+        names = ["20_one-table.md", "20_one.ipynb", "30_two.ipynb"]
+        assert archive.namelist() == [f"results/{name}" for name in names]
+        assert archive.read("results/20_one-table.md") == b"| a |"
