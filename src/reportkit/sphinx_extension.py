@@ -52,15 +52,19 @@ def _cells(notebook: Path) -> list[dict[str, Any]]:
     return json.loads(notebook.read_text(encoding="utf-8"))["cells"]
 
 
+def _anchor(notebook: Path, cell: dict[str, Any]) -> str:
+    return f"{notebook.stem}-{cell['id']}"  # the name too: all notebooks may be on one page
+
+
 @lru_cache(maxsize=64)
 def recording_cells(notebook: Path) -> dict[str, str]:
-    """Return for each value, figure and table of an executed notebook the id of its cell."""
+    """Return for each value, figure and table of an executed notebook the anchor of its cell."""
     found = {}
     for cell in _cells(notebook):
         for output in cell.get("outputs", ()):
             told = output.get("metadata", {})
             if name := told.get("scrapbook", told).get("name"):
-                found[name] = cell["id"]
+                found[name] = _anchor(notebook, cell)
     return found
 
 
@@ -138,10 +142,10 @@ def _quoted(env: BuildEnvironment, page: str) -> set[str]:
 def name_cells(app: Sphinx, doctree: nodes.document) -> None:
     """Give the cells of a notebook their ids, to be linked to."""
     if _is_notebook(app.env, app.env.docname):
-        cells = _cells(Path(app.env.doc2path(app.env.docname)))
+        notebook = Path(app.env.doc2path(app.env.docname))
         for node in doctree.findall(nodes.container):
             if node.get("nb_element") == "cell_code":
-                node["ids"].append(cells[node["cell_index"]]["id"])
+                node["ids"].append(_anchor(notebook, _cells(notebook)[node["cell_index"]]))
 
 
 class Again(SphinxDirective):
@@ -198,7 +202,9 @@ class MinutesRole(SphinxRole):
 
     def run(self) -> tuple[list[nodes.Node], list[nodes.system_message]]:
         """Return the placeholder."""
-        return [_Minutes(pages=self.text.split())], []
+        page, names = Path(self.env.docname), self.text.split()
+        pages = [page.with_name(name).as_posix() for name in names] if names != ["*"] else []
+        return [_Minutes(pages=pages)], []
 
 
 class CountWords(SphinxPostTransform):
@@ -209,10 +215,8 @@ class CountWords(SphinxPostTransform):
     def run(self, **_: Any) -> None:
         """Change the tree of a page."""
         for time in list(self.document.findall(_Minutes)):
-            folder, pages = Path(self.env.docname).parent, time["pages"]
-            all_pages = [page for page in self.env.collect_relations() if "results/" not in page]
-            chosen = all_pages if pages == ["*"] else [(folder / page).as_posix() for page in pages]
-            words = sum(_words(self.env, page) for page in chosen)
+            whole = [page for page in self.env.collect_relations() if "results/" not in page]
+            words = sum(_words(self.env, page) for page in time["pages"] or whole)
             time.replace_self(nodes.Text(f"{max(1, round(words / WORDS_A_MINUTE))}"))
 
 
