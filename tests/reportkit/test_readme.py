@@ -69,7 +69,8 @@ def test_page_shows_value_verdict_and_link_to_the_data(report):
     page = (report / "_build" / "html" / "book" / "growth.html").read_text()
     assert "grows by a factor of <span" in page
     assert ">1.65<" in page
-    assert "<strong>confirmed</strong>" in page
+    assert "<strong>Confirmed</strong>" in page
+    assert 'class="claim confirmed docutils' in page
     assert re.search(r'href="[^"]*10_growth-curve\.csv"', page)
 
 
