@@ -297,7 +297,7 @@ class Verdicts:
         return f":::{{div}} claim {verdict.replace(' ', '-')}\n{body}\n:::\n"
 
     def _why(self, claim: Claim) -> str:
-        """Return the note, under how many readings the claim holds, and the choices that turn it."""
+        """Return the note, the number of readings that hold, and the choices that turn it."""
         note = f": {claim.note}." if claim.note else "."
         holds = [reading.holds(self.records) for reading in claim.as_listed()]
         if claim.readings and any(holds) and not all(holds):
