@@ -1,5 +1,6 @@
-"""Links from figures to their data, minus signs, and a list of references for screen readers."""
+"""Links from figures to data, their dark versions, minus signs, and an accessible bibliography."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,8 @@ from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
+
+from reportkit.figures import dark
 
 
 def link_data(app: Sphinx, doctree: nodes.document) -> None:
@@ -21,6 +24,28 @@ def link_data(app: Sphinx, doctree: nodes.document) -> None:
                 text = nodes.Text("Data (CSV)")
                 link = addnodes.download_reference("", "", text, reftarget=data.as_posix())
                 caption += [nodes.Text(" "), link]
+
+
+def add_dark_versions(app: Sphinx, doctree: nodes.document) -> None:
+    """Put behind each drawing in the colours of the style one for a dark page.
+
+    An image knows nothing of the page's switch between light and dark, so there are two of them,
+    with the classes by which the theme shows one.
+    """
+    folder = Path(app.doctreedir).parent / "dark"
+    folder.mkdir(parents=True, exist_ok=True)
+    for image in list(doctree.findall(nodes.image)):
+        path = Path(app.env.relfn2path(image["uri"])[1])
+        if path.suffix == ".svg" and (drawing := path.read_text(encoding="utf-8")) != dark(drawing):
+            other = folder / f"{path.stem}-dark.svg"
+            other.write_text(dark(drawing), encoding="utf-8")
+            copy = image.deepcopy()
+            copy["uri"] = "/" + os.path.relpath(other, app.srcdir)
+            copy["classes"].append("only-dark")
+            both = nodes.inline()  # beside a hidden image the theme would hide the caption as well
+            image.replace_self(both)
+            image["classes"].append("only-light")
+            both += [image, copy]
 
 
 def set_minus_signs(app: Sphinx, doctree: nodes.document, page: str) -> None:
@@ -42,5 +67,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     visitors = visit_citation, HTMLTranslator.depart_citation
     app.add_node(nodes.citation, override=True, html=visitors)
     app.connect("doctree-read", link_data, priority=100)
+    app.connect("doctree-read", add_dark_versions, priority=200)
     app.connect("doctree-resolved", set_minus_signs)
     return {"version": "1", "parallel_read_safe": True}
