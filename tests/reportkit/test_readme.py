@@ -70,7 +70,9 @@ def test_page_shows_value_verdict_and_link_to_the_data(report):
     assert "grows by a factor of <span" in page
     assert ">1.65<" in page
     assert "<strong>Confirmed</strong>" in page
-    assert re.search(r'<span>\s*<img .*?only-dark" src="[^"]*" /></span>\s*<figcaption>', page)  # else it is hidden
+    assert re.search(
+        r'<span>\s*<img .*?only-dark" src="[^"]*" /></span>\s*<figcaption>', page
+    )  # else it is hidden
     (light,) = re.findall('class="only-light" src="(.*?)"', page)  # each figure has a dark version
     (dark,) = re.findall('class="only-dark" src="(.*?)"', page)
     drawings = [(report / "_build/html/book" / path).read_text() for path in (light, dark)]
