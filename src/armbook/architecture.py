@@ -158,7 +158,7 @@ def main(arguments: list[str]) -> int:
     provenance.write(Project.find(Path(__file__)), results)
     text.write(results / "appendix-modules.md", modules_table(graph))
     text.write(results / "appendix-symbols.md", symbols_table())
-    figures.save(architecture(graph), results / "appendix-architecture.svg")
+    figures.save(architecture(graph), results / "appendix-architecture.svg", legible=6)
     return 0
 
 

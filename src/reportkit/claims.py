@@ -23,11 +23,11 @@ CONFIRMED, CORRECTED, REFUTED = "confirmed", "confirmed with a correction", "ref
 DEPENDS, UNTESTABLE = "depends on the reading", "cannot be tested"
 #: Every verdict in the order of the report, with its symbol.
 VERDICTS = {REFUTED: "✗", DEPENDS: "◐", CORRECTED: "(✓)", CONFIRMED: "✓", UNTESTABLE: "?"}
-_RELATIONS = {"equals": "", "above": "> ", "below": "< "}
+_RELATIONS = {"equals": "= ", "above": "> ", "below": "< "}
 
 _PLURAL = {DEPENDS: "depend on the reading"}
 PUBLISHED = "published"  #: the case that the other variations are compared with
-HEADING = ["the paper says, and the verdict", "readings, with what is measured", "computed"]
+HEADING = ["reading, and what is measured", "criterion", "measured"]
 
 Records = Mapping[str, Mapping[str, Mapping[str, Any]]]  #: study, name, record
 
@@ -54,6 +54,8 @@ class Test:
         Format in which the value is printed.
     unit : str, optional
         Unit to print instead of the recorded one.
+    what : str
+        What is measured, if the name of the reading does not tell it.
     """
 
     __test__ = False  # for pytest
@@ -66,6 +68,7 @@ class Test:
     tolerance: float = 0.0
     format: str = "g"
     unit: str | None = None
+    what: str = ""
 
     def __post_init__(self) -> None:
         if [self.equals, self.above, self.below].count(None) != 2:
@@ -89,14 +92,21 @@ class Test:
         within = abs(value - bound) <= self.tolerance
         return {"equals": within, "above": value > bound, "below": value < bound}[self.relation]
 
-    def told(self, records: Records) -> str:
-        """Return the measured and the required value as a text."""
-        value, bound = _number(records, self.value), self.bound(records)
-        unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
-        measured = text.number(f"{value:z{self.format}}", unit)
+    def measured(self, records: Records) -> str:
+        """Return the recorded value as a text."""
+        return self._text(records, f"{_number(records, self.value):z{self.format}}")
+
+    def criterion(self, records: Records) -> str:
+        """Return what the value has to be, as a text."""
+        bound = getattr(self, self.relation)
+        form = f"z{self.format}" if isinstance(bound, str) else ".12g"  # a threshold as we wrote it
         allowed = f" ± {self.tolerance:g}" if self.tolerance else ""
-        required = f"{_RELATIONS[self.relation]}{bound:z{self.format}}{allowed}"
-        return f"{measured} (required {required})".replace("-", "−")
+        told = f"{_RELATIONS[self.relation]}{self.bound(records):{form}}{allowed}"
+        return self._text(records, told)
+
+    def _text(self, records: Records, told: str) -> str:
+        unit = self.unit if self.unit is not None else _record(records, self.value)["unit"] or ""
+        return text.number(told.replace("-", "−"), unit)
 
 
 @dataclass(frozen=True)
@@ -110,11 +120,14 @@ class Reading:
         """Return whether the claim holds, read in this way; not without a test."""
         return bool(self.tests) and all(test.passes(records) for test in self.tests)
 
-    def told(self, records: Records) -> str:
-        """Return the result of each test, after a symbol for the whole."""
-        mark = VERDICTS[CONFIRMED if self.holds(records) else REFUTED]
-        name = f"{self.name}: " if self.name else ""
-        return f"{mark} {name}{', '.join(test.told(records) for test in self.tests)}"
+    def rows(self, records: Records) -> list[list[str]]:
+        """Return a row for each test: symbol and what is measured, criterion, value."""
+        rows = []
+        for test in self.tests:
+            mark = VERDICTS[CONFIRMED if test.passes(records) else REFUTED]
+            name = ": ".join(filter(None, [self.name, test.what]))
+            rows.append([f"{mark} {name}", test.criterion(records), test.measured(records)])
+        return rows
 
 
 @dataclass(frozen=True)
@@ -134,7 +147,7 @@ class Claim:
     tests : list of Test
         Tests of the statement as printed.
     reading : str
-        Name of the reading that these tests make, if there are others.
+        Name of the reading that these tests make, or what they measure.
     corrected : list of Test
         Tests of a corrected reading.
     readings : list of Reading
@@ -161,7 +174,7 @@ class Claim:
             raise ClaimError(f"{self.name}: tests, or that it is untestable, one of them")
         if (self.untestable or self.corrected) and not self.note:
             raise ClaimError(f"{self.name}: the note is missing")
-        if bool(self.readings) != bool(self.reading):
+        if self.readings and not self.reading:
             raise ClaimError(f"{self.name}: name the reading of its tests if it has other readings")
 
     def as_listed(self) -> list[Reading]:
@@ -263,29 +276,44 @@ class Verdicts:
         found = {verdict: [c for c in self.claims if self.of(c) == verdict] for verdict in VERDICTS}
         return {verdict: claims for verdict, claims in found.items() if claims}
 
-    def table(self) -> str:
-        """Return the table of the claims, for a page in the folder of the pages."""
-        return text.markdown_table(HEADING, [self._row(claim) for claim in self.claims])
+    def page(self) -> str:
+        """Return all claims below headings of their verdicts, for a page beside the claims' own."""
+        parts = []
+        for verdict, claims in self.by_verdict().items():
+            parts.append(f"## {VERDICTS[verdict]} {verdict.capitalize()}: {len(claims)}\n")
+            parts += [self._card(claim, verdict) for claim in claims]
+        return "\n".join(parts)
 
-    def _row(self, claim: Claim) -> list[str]:
-        verdict = self.of(claim)
-        note = f": {claim.note}" if claim.note else ""
-        told = [reading.told(self.records) for reading in claim.as_listed()]
-        told += [f"◐ {choice}: another verdict" for choice in self.turned.get(claim.name, ())]
-        decided = f"{VERDICTS[verdict]} **{verdict}**{note} ({{doc}}`shown here <{claim.page}>`)"
-        says = f"{claim.text} ({claim.where})<br>{decided}"
-        return [says, "<br>".join(told) or "–", self._computed(claim)]
+    def _card(self, claim: Claim, verdict: str) -> str:
+        name = claim.name[0].upper() + claim.name[1:]
+        heading = f"**{VERDICTS[verdict]} {name}** {{doc}}`evidence <{claim.page}>`"
+        says = f"The paper ({claim.where}): {claim.text}."
+        told = [heading, says, f"**{verdict.capitalize()}**{self._why(claim)}"]
+        listed = claim.as_listed()
+        if listed:
+            rows = [row for reading in listed for row in reading.rows(self.records)]
+            told += [text.markdown_table(HEADING, rows).rstrip(), self._computed(claim)]
+        body = "\n\n".join(told)
+        return f":::{{div}} claim {verdict.replace(' ', '-')}\n{body}\n:::\n"
+
+    def _why(self, claim: Claim) -> str:
+        """Return the note, the number of readings that hold, and the choices that turn it."""
+        note = f": {claim.note}." if claim.note else "."
+        holds = [reading.holds(self.records) for reading in claim.as_listed()]
+        if claim.readings and any(holds) and not all(holds):
+            note += f" It holds under {sum(holds)} of {len(holds)} readings."
+        if turned := self.turned.get(claim.name):
+            note += f" The verdict changes with one of our choices: {', '.join(turned)}."
+        return note
 
     def _computed(self, claim: Claim) -> str:
         places = {test.value for reading in claim.as_listed() for test in reading.tests}
-        if not places:
-            return "–"
         others = sorted({how for place in places for how in self.opinions.get(place, ())})
         computed = {place for place in places if _record(self.records, place).get("compared", True)}
         fewest = 1 + min((len(self.opinions.get(place, ())) for place in computed), default=0)
         times = {1: "once", 2: "twice"}.get(fewest, f"{fewest} times")
         own = "by the notebook" if computed == places else "by the notebook, a measured time"
-        return f"{times}: {'; '.join([own, *others])}"
+        return f"Computed {times}: {'; '.join([own, *others])}."
 
     def summary(self) -> str:
         """Return one sentence that counts the verdicts."""
@@ -318,7 +346,7 @@ def main(arguments: list[str]) -> int:
         beside = load_turned(project.variations), load_opinions(project.opinions)
         found = Verdicts(load(project.claims), load_all(results), *beside)
         verdicts = [(claim.name, claim.where, found.of(claim)) for claim in found.claims]
-        table = found.table()
+        page = found.page()
     except ClaimError as error:
         print(f"claims.toml: {error}", file=sys.stderr)
         return 1
@@ -328,7 +356,7 @@ def main(arguments: list[str]) -> int:
     text.write(results / "verdicts-list.md", found.listed(pages))
     text.write(results / "verdicts.csv", frame.to_csv(index=False, lineterminator="\n"))
     # last, because make takes it as the sign that all are there
-    text.write(results / "verdicts.md", table)
+    text.write(results / "verdicts.md", page)
     return 0
 
 

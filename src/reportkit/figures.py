@@ -1,10 +1,11 @@
 """One style for all figures of a report, from ``report.mplstyle``.
 
 The colours are those of Okabe and Ito, with their lightness changed so that they differ in grey as
-well. Each has a contrast of at least 3 on white, and also on the dark page, where the book shows a
-figure through ``filter: invert(1) hue-rotate(180deg)``.
+well. Each has a contrast of at least 3 on white. `dark` gives a drawing the colours of a dark page,
+with the same contrast there.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +16,11 @@ import numpy as np
 from IPython.core.getipython import get_ipython
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Annotation
+from matplotlib.text import Annotation, Text
+from matplotlib.typing import ColorType
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
 Values: TypeAlias = Sequence[float] | np.ndarray
@@ -31,6 +33,26 @@ _CYCLE = STYLE["axes.prop_cycle"].by_key()
 PALETTE, DASHES = tuple(_CYCLE["color"]), tuple(_CYCLE["linestyle"])
 MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = STYLE["figure.figsize"][0]
+PAGE = "#121212"  #: a dark page
+PHONE, LEGIBLE = 343, 10  #: px, width of a figure on a phone and height of a text there
+
+
+def shade(colour: ColorType) -> str:
+    """Return a colour dark enough for text on white."""
+    red, green, blue = (0.72 * part for part in to_rgb(colour))
+    return to_hex((red, green, blue))
+
+
+_BRIGHT = ("#68b4ee", "#ffb763", "#9887f7", "#8be6c3", "#c9609c", "#d8d8d8")
+#: What a drawing's colours become on a dark page; text has the colour of its line.
+DARK = dict(zip((*PALETTE, INK), _BRIGHT, strict=True))
+DARK |= {shade(colour): bright for colour, bright in DARK.items()}
+DARK |= {"#ffffff": PAGE, shade(FAINT): "#9a9a9a"}
+
+
+def dark(svg: str) -> str:
+    """Return a drawing in the colours of a dark page; other colours than of the style stay."""
+    return re.sub("#[0-9a-f]{6}", lambda found: DARK.get(found[0], found[0]), svg)
 
 
 def use() -> None:
@@ -54,7 +76,10 @@ def styled() -> Iterator[None]:
 
 
 def stack(
-    quantities: Sequence[str], x: str = "time / s", height: float = 1.5
+    quantities: Sequence[str],
+    x: str = "time / s",
+    height: float = 1.5,
+    ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
     """Make a column of axes of one height that share the horizontal axis.
 
@@ -66,9 +91,12 @@ def stack(
         Label of the shared horizontal axis.
     height
         Height of one axes with its label, in inches.
+    ratios
+        Of the heights of the axes, if they are not all `height`.
     """
-    n = len(quantities)
-    fig, grid = plt.subplots(n, sharex=True, squeeze=False, figsize=(WIDTH, height * n + 0.5))
+    n, ratios = len(quantities), ratios or [1] * len(quantities)
+    size, heights = (WIDTH, height * sum(ratios) + 0.5), {"height_ratios": ratios}
+    fig, grid = plt.subplots(n, sharex=True, squeeze=False, figsize=size, gridspec_kw=heights)
     axes = list(grid[:, 0])
     for ax, quantity in zip(axes, quantities, strict=True):
         ax.set_title(quantity)
@@ -102,6 +130,83 @@ def family(
     ]
 
 
+def ranking(
+    ax: Axes, values: Mapping[str, float], colours: Mapping[str, str], failed: str = "not reached"
+) -> None:
+    """Draw a dot with its number for each name, the least on top, on a logarithmic axis.
+
+    Parameters
+    ----------
+    ax
+        Its height should be 0.25 inches for each name.
+    values : mapping of name to value
+        A NaN stands last, with the word `failed` at the margin.
+    colours : mapping of name to colour
+        The names to highlight.
+    """
+    order = sorted(values, key=lambda name: (np.isnan(values[name]), values[name]))
+    for row, name in enumerate(order):
+        value, colour = values[name], colours.get(name, FAINT)
+        style: Any = {"va": "center", "color": shade(colour), "textcoords": "offset points"}
+        if np.isnan(value):
+            margin: Any = {"xycoords": ("axes fraction", "data"), "ha": "right"}
+            ax.annotate(failed, (1, row), (0, 0), **style, **margin)
+        else:
+            ax.plot(value, row, "o", color=colour, ms=8 if name in colours else 6)
+            ax.annotate(f"{float(f'{value:.2g}'):g}", (value, row), (8, 0), **style)
+    ax.set(xscale="log", ylim=(len(order) - 0.4, -0.6))
+    ax.set_xlim(right=5 * ax.get_xlim()[1])  # room for the number of the last
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.grid(visible=False)
+    ax.set_yticks(range(len(order)), order)
+    for label, name in zip(ax.get_yticklabels(), order, strict=True):
+        label.set(color=shade(colours.get(name, INK)), weight="bold" if name in colours else None)
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+
+
+def tornado(
+    ax: Axes, groups: Mapping[str, Mapping[str, tuple[float, float]]], names: tuple[str, str]
+) -> None:
+    """Draw for each group a heading, and below it for each name a bar to two factors from 1.
+
+    Parameters
+    ----------
+    ax
+        Its height should be 0.25 inches for each heading and bar.
+    groups : mapping of heading to mapping of name to two factors
+        Factors above 0, for a logarithmic axis.
+    names
+        What the two factors belong to, for the legend.
+    """
+    row, ticks = 0, {}
+    for heading, bars in groups.items():
+        ticks[row], row = heading, row + 1
+        for name, factors in bars.items():
+            for factor, colour in zip(factors, PALETTE, strict=False):
+                ax.plot([1, factor], [row, row], color=colour, lw=7, ls="-", solid_capstyle="butt")
+            ticks[row], row = name, row + 1
+    for name, colour in zip(names, PALETTE, strict=False):
+        ax.plot([], [], color=colour, lw=7, ls="-", label=name)
+    ax.axvline(1, color=INK, lw=1)
+    ax.set(xscale="log", ylim=(row - 0.4, -0.6))
+    ax.set_yticks(list(ticks), list(ticks.values()))
+    for label, name in zip(ax.get_yticklabels(), ticks.values(), strict=True):
+        label.set_fontweight("bold" if name in groups else "normal")
+    ax.tick_params(axis="y", length=0)
+    ax.grid(visible=False, axis="y")
+    ax.grid(axis="x")
+    ax.xaxis.set_major_formatter("{x:g}")
+
+
+def slope_triangle(ax: Axes, order: float, x: float, y: float, factor: float = 2.0) -> None:
+    """Draw the slope of an order on logarithmic axes: from (x, y) to `factor` times x."""
+    right, top = factor * x, factor**order * y
+    ax.fill([x, right, right], [y, y, top], color=FAINT, alpha=0.35, lw=0)
+    style: Any = {"textcoords": "offset points", "va": "center", "color": INK}
+    ax.annotate(f"{order:g}", (right, (y * top) ** 0.5), (3, 0), **style)
+
+
 def legend_below(fig: Figure, ax: Axes, columns: int = 3) -> None:
     """Place the legend of an axes below the whole figure."""
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
@@ -124,13 +229,32 @@ def direct_label(
     xs, ys = (np.asarray(data, dtype=float) for data in line.get_data())
     x = xs[-1] if at is None else at
     y = float(np.interp(x, xs, ys))
-    darker = tuple(0.72 * part for part in to_rgb(line.get_color()))
-    style: Any = {"textcoords": "offset points", "va": "center", "color": darker}
+    style: Any = {"textcoords": "offset points", "va": "center", "color": shade(line.get_color())}
     assert isinstance(line.axes, Axes)
     return line.axes.annotate(text, (x, y), offset, **style)
 
 
-def save(fig: Figure, path: str | Path) -> None:
-    """Write a figure as SVG on a transparent ground, the same bytes each time."""
+def save(fig: Figure, path: str | Path, legible: float = LEGIBLE) -> None:
+    """Write a figure as SVG on a transparent ground, the same bytes each time.
+
+    Parameters
+    ----------
+    fig, path
+        The figure and its file.
+    legible
+        Smallest text on a phone, in px.
+
+    Raises
+    ------
+    ValueError
+        If a text would be too small to read on a phone.
+    """
+    least = legible * 72 * fig.get_figwidth() / PHONE
+    for text in fig.findobj(Text):
+        assert isinstance(text, Text)
+        size = float(text.get_fontsize())
+        if text.get_visible() and text.get_text().strip() and size < least - 0.1:
+            told = f"{size:.3g} pt, below the {least:.3g} pt that are legible on a phone"
+            raise ValueError(f"text {text.get_text()!r}: {told}")
     with styled():
         fig.savefig(path, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)

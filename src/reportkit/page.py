@@ -14,6 +14,7 @@ from mdit_py_plugins.dollarmath import dollarmath_plugin
 from nbformat import NotebookNode
 
 from reportkit.check import Comparison
+from reportkit.figures import dark
 from reportkit.parameters import Notebook
 from reportkit.project import Project
 from reportkit.text import number
@@ -54,6 +55,7 @@ def render(
     pages.filters |= {
         # a reference to another page becomes its text
         "markdown": lambda text: Markup(markdown.render(_ROLE.sub(r"*\1*", text))),
+        "dark": dark,
         "base64": lambda text: base64.b64encode(text.encode()).decode(),
         "plain": lambda text: _ANSI.sub("", text),
     }

@@ -6,6 +6,7 @@ The directive ``again`` ends a chapter with its verdicts and a box about its not
 
 import csv
 import json
+import os
 import re
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
 
 from reportkit import claims
+from reportkit.figures import dark
 from reportkit.project import Project
 
 #: Words of technical prose that are read in a minute.
@@ -45,6 +47,28 @@ def link_data(app: Sphinx, doctree: nodes.document) -> None:
                 text = nodes.Text("Data (CSV)")
                 link = addnodes.download_reference("", "", text, reftarget=data.as_posix())
                 caption += [nodes.Text(" "), link]
+
+
+def add_dark_versions(app: Sphinx, doctree: nodes.document) -> None:
+    """Put behind each drawing in the colours of the style one for a dark page.
+
+    An image knows nothing of the page's switch between light and dark, so there are two of them,
+    with the classes by which the theme shows one.
+    """
+    folder = Path(app.doctreedir).parent / "dark"
+    folder.mkdir(parents=True, exist_ok=True)
+    for image in list(doctree.findall(nodes.image)):
+        path = Path(app.env.relfn2path(image["uri"])[1])
+        if path.suffix == ".svg" and (drawing := path.read_text(encoding="utf-8")) != dark(drawing):
+            other = folder / f"{path.stem}-dark.svg"
+            other.write_text(dark(drawing), encoding="utf-8")
+            copy = image.deepcopy()
+            copy["uri"] = "/" + os.path.relpath(other, app.srcdir)
+            copy["classes"].append("only-dark")
+            both = nodes.inline()  # beside a hidden image the theme would hide the caption as well
+            image.replace_self(both)
+            image["classes"].append("only-light")
+            both += [image, copy]
 
 
 @lru_cache(maxsize=64)
@@ -301,6 +325,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_post_transform(LinkSources)
     app.add_post_transform(CountWords)
     app.connect("doctree-read", link_data, priority=100)
+    app.connect("doctree-read", add_dark_versions, priority=200)
     app.connect("doctree-read", name_cells)
     app.connect("doctree-resolved", set_minus_signs)
     app.connect("doctree-resolved", collect_sections)

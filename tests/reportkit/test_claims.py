@@ -100,43 +100,61 @@ def test_a_correction_that_holds_agrees_with_a_reading_that_holds():
     assert one.verdict(RECORDS) == CORRECTED
 
 
-def test_every_reading_of_a_claim_stands_in_the_table_with_its_result():
-    gain = Test("10_a::gain", equals=1014.0, tolerance=0.5, format=".1f")
+def test_every_reading_of_a_claim_stands_in_its_card_with_criterion_and_value():
+    gain = Test("10_a::gain", equals=1014.0, tolerance=0.5, format=".1f", what="gain")
     one = read(gain, strict=Test("10_a::gain", below=1000, format=".0f"))
-    found = Verdicts([one, claim(FALSE)], RECORDS)
-    first, second = found.table().splitlines()[2:]
-    assert first == (
-        "| says so (Section 4)<br>◐ **depends on the reading** ({doc}`shown here <model>`) | "
-        "✓ first: 1014.4 V/V (required 1014.0 ± 0.5)<br>✗ strict: 1014 V/V (required < 1000) | "
-        "once: by the notebook |"
-    )
-    assert "<br>✗ **refuted** " in second
-    assert "| ✗ 4 (required 6) |" in second
-
-
-def test_the_table_says_how_often_a_value_was_computed():
-    opinions = {"10_a::gain": ["by hand"], "10_a::order": ["by hand", "by another program"]}
-    claims_ = [claim(Test("10_a::gain", above=1.0)), claim(TRUE), claim(untestable=True, note="n")]
-    rows = Verdicts(claims_, RECORDS, opinions=opinions).table().splitlines()[2:]
-    told = [row.split(" | ")[-1] for row in rows]
-    assert told == [
-        "twice: by the notebook; by hand |",
-        "3 times: by the notebook; by another program; by hand |",
-        "– |",
+    card = Verdicts([one], RECORDS).page().splitlines()
+    assert card == [
+        "## ◐ Depends on the reading: 1",
+        "",
+        ":::{div} claim depends-on-the-reading",
+        "**◐ Name** {doc}`evidence <model>`",
+        "",
+        "The paper (Section 4): says so.",
+        "",
+        "**Depends on the reading**. It holds under 1 of 2 readings.",
+        "",
+        "| reading, and what is measured | criterion | measured |",
+        "| --- | --- | --- |",
+        "| ✓ first: gain | = 1014 ± 0.5 V/V | 1014.4 V/V |",
+        "| ✗ strict | < 1000 V/V | 1014 V/V |",
+        "",
+        "Computed once: by the notebook.",
+        ":::",
     ]
-    both = claim(
-        Test("10_a::gain", above=1.0), TRUE
-    )  # the one that was computed least often counts
-    (row,) = Verdicts([both], RECORDS, opinions=opinions).table().splitlines()[2:]
-    assert row.split(" | ")[-1].startswith("twice: by the notebook; by another program; by hand")
+
+
+def test_criteria_have_the_digits_of_their_source_and_minus_signs():
+    records = {"10_a": {"x": {"value": -0.0001, "unit": "%"}, "y": {"value": -2, "unit": "%"}}}
+    literal = Test("10_a::x", above=-0.1, format=".2f")
+    assert (literal.criterion(records), literal.measured(records)) == ("> −0.1 %", "0.00 %")
+    quoted = Test("10_a::x", above="10_a::y", times=0.5, format=".2f")
+    assert quoted.criterion(records) == "> −1.00 %"
+
+
+def test_the_page_is_grouped_by_verdict_and_each_card_tells_how_often_it_was_computed():
+    opinions = {"10_a::gain": ["by hand"], "10_a::order": ["by hand", "by another program"]}
+    claims_ = [claim(Test("10_a::gain", above=1.0)), claim(FALSE), claim(untestable=True, note="n")]
+    page = Verdicts(claims_, RECORDS, opinions=opinions).page().splitlines()
+    told = [line for line in page if line.startswith(("## ", "Computed"))]
+    assert told == [
+        "## ✗ Refuted: 1",
+        "Computed 3 times: by the notebook; by another program; by hand.",
+        "## ✓ Confirmed: 1",
+        "Computed twice: by the notebook; by hand.",
+        "## ? Cannot be tested: 1",
+    ]
+    # the one that was computed least often counts
+    both = claim(Test("10_a::gain", above=1.0), TRUE)
+    page = Verdicts([both], RECORDS, opinions=opinions).page()
+    assert "Computed twice: by the notebook; by another program; by hand." in page
     timed = {"10_a": {"order": {"value": 4, "unit": "1", "compared": False}}}
-    (row,) = Verdicts([claim(TRUE)], timed).table().splitlines()[2:]
-    assert row.endswith("once: by the notebook, a measured time |")
+    assert "once: by the notebook, a measured time." in Verdicts([claim(TRUE)], timed).page()
 
 
 def test_a_changed_choice_that_turns_a_claim_is_named():
     found = Verdicts([claim(TRUE)], RECORDS, turned={"name": ["$K$ halved"]})
-    assert "◐ $K$ halved: another verdict" in found.table()
+    assert "The verdict changes with one of our choices: $K$ halved." in found.page()
     assert found.summary() == "Of 1 claims, 1 depends on the reading.\n"
 
 
@@ -257,7 +275,6 @@ def test_a_missing_value_is_an_error_that_names_it(project, monkeypatch, capsys)
         (lambda: claim(untestable=True), "note"),
         (lambda: claim(FALSE, corrected=[TRUE]), "note"),
         (lambda: claim(TRUE, readings=[Reading("other", [TRUE])]), "name the reading"),
-        (lambda: claim(TRUE, reading="only one"), "name the reading"),
     ],
 )
 def test_malformed_claims_are_refused(make, message):

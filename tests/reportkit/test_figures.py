@@ -10,9 +10,6 @@ from matplotlib.colors import to_rgb
 
 from reportkit import figures
 
-# The CSS specification's hue-rotate matrix for 180 degrees
-HUE_ROTATE_180 = np.array([[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]])
-
 
 @pytest.fixture(autouse=True)
 def _restore():
@@ -40,16 +37,16 @@ def lightness(colour) -> float:
     return 116 * np.cbrt(y) - 16 if y > 0.008856 else 903.3 * y
 
 
-def in_dark_mode(colour) -> np.ndarray:
-    """``filter: invert(1) hue-rotate(180deg)``."""
-    return np.clip(HUE_ROTATE_180 @ (1 - np.array(to_rgb(colour))), 0, 1)
+def in_dark_mode(colour) -> str:
+    """The colour that a drawing has on a dark page."""
+    return figures.dark(colour)
 
 
-def test_emulated_filter_keeps_greys_grey_and_a_hue_its_side():
-    assert in_dark_mode("white") == pytest.approx([0, 0, 0], abs=1e-9)
-    assert in_dark_mode("#333333") == pytest.approx([0.8] * 3)
-    red, green, blue = in_dark_mode("#0067a8")
-    assert blue > green > red
+def test_a_drawing_for_a_dark_page_keeps_other_colours():
+    drawing = '<path style="fill: #0067a8; stroke: #3a3a3a"/><path fill="#fee838"/>'
+    assert figures.dark(drawing) == (
+        f'<path style="fill: {figures.DARK["#0067a8"]}; stroke: #d8d8d8"/><path fill="#fee838"/>'
+    )
 
 
 @pytest.mark.parametrize("colour", [figures.INK, figures.FAINT, *figures.PALETTE])
@@ -124,9 +121,63 @@ def test_stack_of_one_and_with_another_axis():
 def test_text_is_legible_on_a_phone():
     figures.use()
     fig, axes = figures.stack(["velocity / (m/s)"])
-    pixels_per_point = 340 / (72 * fig.get_size_inches()[0])
+    pixels_per_point = 343 / (72 * fig.get_size_inches()[0])
     texts = [axes[0].title, axes[0].xaxis.label, *axes[0].get_xticklabels()]
-    assert min(text.get_fontsize() for text in texts) * pixels_per_point >= 8
+    assert min(text.get_fontsize() for text in texts) * pixels_per_point >= 10
+
+
+def test_text_too_small_for_a_phone_is_refused(tmp_path):
+    figures.use()
+    fig, axes = figures.stack(["velocity / (m/s)"])
+    axes[0].annotate("too small", (0, 0), fontsize=9)
+    with pytest.raises(ValueError, match="'too small': 9 pt, below the 11.8 pt that are legible"):
+        figures.save(fig, tmp_path / "one.svg")
+
+
+def test_axes_of_a_stack_may_differ_in_height():
+    figures.use()
+    fig, axes = figures.stack(["small", "large"], height=1.5, ratios=[1, 3])
+    fig.canvas.draw()
+    low, high = (ax.get_position().height for ax in axes)
+    assert high / low == pytest.approx(3, rel=0.05)
+    assert fig.get_figheight() == pytest.approx(6.5)
+
+
+def test_a_ranking_is_sorted_and_ends_with_what_failed():
+    figures.use()
+    fig, ax = plt.subplots()
+    values = {"slow": 1234.0, "fails": np.nan, "fast": 0.5, "middle": 10.0}
+    figures.ranking(ax, values, {"fast": figures.PALETTE[0]})
+    assert [label.get_text() for label in ax.get_yticklabels()] == [
+        "fast",
+        "middle",
+        "slow",
+        "fails",
+    ]
+    assert [label.get_weight() for label in ax.get_yticklabels()][:2] == ["bold", "normal"]
+    assert [text.get_text() for text in ax.texts] == ["0.5", "10", "1200", "not reached"]
+    assert [line.get_xdata()[0] for line in ax.lines] == [0.5, 10, 1234]
+    fig.canvas.draw()
+    assert ax.texts[2].get_window_extent().x1 <= fig.bbox.x1
+
+
+def test_a_tornado_has_a_bar_from_one_to_each_factor():
+    _, ax = plt.subplots()
+    groups = {"gain": {"error": (10.0, 0.5)}, "friction": {"error": (0.9, 1.1), "time": (1.0, 1.0)}}
+    figures.tornado(ax, groups, ("halved", "doubled"))
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["gain", "error", "friction", "error", "time"]
+    bars = [tuple(line.get_xdata()) for line in ax.lines if len(line.get_xdata()) == 2]
+    assert bars[:4] == [(1, 10.0), (1, 0.5), (1, 0.9), (1, 1.1)]
+    assert ax.get_legend_handles_labels()[1] == ["halved", "doubled"]
+
+
+def test_a_slope_triangle_has_the_slope_of_its_order():
+    _, ax = plt.subplots()
+    figures.slope_triangle(ax, 4, 1e-5, 1e-8, 3)
+    (x, y), right, top = ax.patches[0].get_xy()[:3]
+    assert np.log(top[1] / y) / np.log(right[0] / x) == pytest.approx(4)
+    assert ax.texts[0].get_text() == "4"
 
 
 def test_direct_label_stands_at_the_line():

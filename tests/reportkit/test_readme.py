@@ -120,7 +120,18 @@ def test_page_shows_value_verdict_and_link_to_the_data(report):
     link = r'grows by a factor of <a class="value[^>]* title="10_growth::factor"><span'
     assert re.search(link, page)
     assert ">1.65<" in page
-    assert "<strong>confirmed</strong>" in page
+    assert "<strong>Confirmed</strong>" in page
+    assert re.search(
+        r'<span>\s*<img .*?only-dark" src="[^"]*" /></span>\s*<figcaption>', page
+    )  # else it is hidden
+    (light,) = re.findall('class="only-light" src="(.*?)"', page)  # each figure has a dark version
+    (dark,) = re.findall('class="only-dark" src="(.*?)"', page)
+    drawings = [(report / "_build/html/book" / path).read_text() for path in (light, dark)]
+    assert [("#3a3a3a" in drawing, "#d8d8d8" in drawing) for drawing in drawings] == [
+        (True, False),
+        (False, True),
+    ]
+    assert 'class="claim confirmed docutils' in page
     assert re.search(r'href="[^"]*10_growth-curve\.csv"', page)
     assert 'property="og:description"' in page
     assert ".venv/bin/growth rerun growth" in re.sub("<[^>]+>", "", page)
