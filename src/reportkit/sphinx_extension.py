@@ -77,7 +77,8 @@ def _cells(notebook: Path) -> list[dict[str, Any]]:
 
 
 def _anchor(notebook: Path, cell: dict[str, Any]) -> str:
-    return f"{notebook.stem}-{cell['id']}"  # the name too: all notebooks may be on one page
+    # with the name, since all notebooks may be on one page; a letter first, as in a CSS selector
+    return f"in-{notebook.stem}-{cell['id']}"
 
 
 @lru_cache(maxsize=64)

@@ -94,11 +94,11 @@ def page(site):
 
 def test_values_figures_and_tables_link_to_their_cells(site, page):
     links = re.findall(
-        r'href="results/10_growth.html#10_growth-(\w+)" title="10_growth::(\w+)"', page
+        r'href="results/10_growth.html#in-10_growth-(\w+)" title="10_growth::(\w+)"', page
     )
     assert links == [("one", "rate"), ("one", "first"), ("two", "curve"), ("two", "ends")]
     notebook = (site / "book" / "results" / "10_growth.html").read_text(encoding="utf-8")
-    assert 'id="10_growth-one"' in notebook and 'id="10_growth-two"' in notebook
+    assert 'id="in-10_growth-one"' in notebook and 'id="in-10_growth-two"' in notebook
     assert re.search(r'Quoted in: <a [^>]*href="../growth.html"', notebook)
     assert notebook.count("Quoted in") == 1
 
