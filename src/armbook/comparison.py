@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from armbook import styles
 from armbook.peers import fixed, peers
-from armbook.problems import Problem, Solve
+from armbook.problems import MAX_EVALUATIONS, Problem, Solve
 from armsim.methods import IntegrationError, tableaux
 from armsim.methods.tableaux import Tableau
 from armsim.paper import PRINTED
@@ -86,6 +86,44 @@ def compare(
     columns = ["problem", "method", "setting", "error", "evaluations", "end / mm"]
     found = pd.DataFrame(runs, columns=[*columns, "steps", "exponentials", "solver"])
     return found, pd.DataFrame(failures, columns=["method", "problem", "setting", "reason"])
+
+
+#: What failures say, in short, by a part of their messages.
+SHORT = {
+    "blew up": "blows up",
+    "with shift 0": "cannot start from rest, where states are zero",
+    "evaluations": f"asks for more than {MAX_EVALUATIONS} evaluations",
+}
+
+
+def reasons(failures: pd.DataFrame, problems: Sequence[str]) -> list[list[str]]:
+    """Rows of methods, problems, settings and reason; failures that are alike are one row.
+
+    Parameters
+    ----------
+    failures
+        As `compare` returns them.
+    problems
+        Names of all problems; a row that has them all says "all".
+    """
+    short = [
+        next((SHORT[key] for key in SHORT if key in told), told) for told in failures["reason"]
+    ]
+    of_method = failures.assign(reason=short).groupby(["reason", "method"], sort=False)
+    alike = of_method.agg(
+        problem=("problem", lambda names: "; ".join(dict.fromkeys(names))),
+        least=("setting", "min"),
+        most=("setting", "max"),
+    )
+    rows = []
+    for key, part in alike.reset_index().groupby(
+        ["reason", "problem", "least", "most"], sort=False
+    ):
+        reason, problem, least, most = key
+        settings = f"{least:g}" if least == most else f"{least:g} to {most:g}"
+        where = "all" if problem == "; ".join(problems) else problem
+        rows.append(["; ".join(part["method"]), where, settings, reason])
+    return rows
 
 
 def cheapest(runs: pd.DataFrame, target: float, by: str) -> pd.DataFrame:

@@ -1,5 +1,7 @@
 """The comparison of solvers: what is run, what it costs, and how failures are told."""
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,6 +15,7 @@ from armbook.comparison import (
     cpu_change,
     norms,
     ratios,
+    reasons,
     spread,
     step_size_for,
     steps_for,
@@ -158,3 +161,17 @@ def test_ratios_of_made_up_errors():
     assert told["ahead"] == pytest.approx(100 / 3)
     assert np.isfinite(ratios(one, other)).all()
     assert np.isnan(list(spread(ratios(one, other, 10.0)).values())).all()
+
+
+def test_failures_that_are_alike_are_one_row():
+    columns = ["method", "problem", "setting", "reason"]
+    blown = [
+        [method, problem, h, f"component {n} blew up at t = {h}"]
+        for n, (method, problem, h) in enumerate(product("AB", ["linear", "move"], [1e-4, 1e-5]))
+    ]
+    other = ["C", "move", 1e-3, "the step size is zero"]
+    rows = reasons(pd.DataFrame([*blown, other], columns=columns), ["linear", "move"])
+    assert rows == [
+        ["A; B", "all", "1e-05 to 0.0001", "blows up"],
+        ["C", "move", "0.001", "the step size is zero"],
+    ]

@@ -176,7 +176,6 @@ def sizes_of_text(drawing: str) -> list[float]:
     return [100 * float(one) for one in outlines] + [float(a or b) for a, b in texts]
 
 
-@pytest.mark.xfail(reason="the figures are drawn for a laptop")
 def test_text_in_figures_is_legible_on_a_phone(path, visit):
     page = visit(path.as_uri())
     page.set_viewport_size({"width": WIDTHS["phone"], "height": 900})
