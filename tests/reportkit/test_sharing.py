@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from reportkit.sharing import find_address
+from reportkit.sphinx_extension.sharing import find_address
 
 
 @pytest.mark.parametrize(

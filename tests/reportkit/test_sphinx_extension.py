@@ -6,7 +6,7 @@ import nbformat
 import pytest
 from sphinx.application import Sphinx
 
-from reportkit.sphinx_extension import WORDS_A_MINUTE
+from reportkit.sphinx_extension.chapters import WORDS_A_MINUTE
 
 CONF = """
 extensions = ["myst_nb", "reportkit.sphinx_extension"]

@@ -1,4 +1,4 @@
-"""What search engines and other sites show of a page; a part of `reportkit.sphinx_extension`."""
+"""What search engines and other sites show of a page."""
 
 import textwrap
 from html import escape
