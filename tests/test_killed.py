@@ -9,14 +9,15 @@ import nbformat
 import psutil
 import pytest
 
-# The time steps take for ever, in machine code, as a long Runge-Kutta run does.
+# The time steps take for ever, in machine code, as a long Runge-Kutta run does. They let other
+# threads run, as all loops of the package do, also where Python makes one call to see its result.
 WORK = """
 from pathlib import Path
 from numba import njit
 from armsim.methods import integrate, tableaux
 from armsim.parallel import each
 
-@njit
+@njit(nogil=True)
 def slow(t, y):
     total = y[0]
     for _ in range(10**13):

@@ -300,7 +300,7 @@ def arm_axes() -> Figure:
 def main(folder: Path = Path(__file__).parent) -> None:
     """Write both drawings into a folder, the same bytes each time."""
     for draw in (arm_axes, block_diagram):
-        save(draw(), folder / f"{draw.__name__}.svg")
+        save(draw(), folder / f"{draw.__name__}.svg", legible=6)
 
 
 if __name__ == "__main__":

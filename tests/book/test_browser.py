@@ -176,8 +176,8 @@ def sizes_of_text(drawing: str) -> list[float]:
     return [100 * float(one) for one in outlines] + [float(a or b) for a, b in texts]
 
 
-#: Two plans, of the software and of the model. A phone shows them whole, to be enlarged by hand.
-PLANS = ("appendix-architecture", "block_diagram")
+#: Plans of the software and of the model. A phone shows them whole, to be enlarged by hand.
+PLANS = ("appendix-architecture", "block_diagram", "arm_axes")
 
 
 def test_text_in_figures_is_legible_on_a_phone(path, visit):
