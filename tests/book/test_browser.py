@@ -153,6 +153,8 @@ def test_missing_page_leads_to_the_front_page_of_a_book_below_the_root(site, bro
 
 
 def test_logo_and_search_stay_in_sight(path, visit):
+    if path.name == "404.html":  # stands alone
+        pytest.skip("a missing page has no sidebar")
     page = visit(path.as_uri())
     page.set_viewport_size({"width": 1400, "height": 900})
     for scrolled in ("", "document.querySelector('.bd-sidebar-primary').scrollTo(0, 10000)"):
@@ -311,7 +313,7 @@ class TestExplorer:
         page = visit((site / "book" / "explorer.html").as_uri() + "#T_p=4.74")
         shown = float(self.numbers(page)["overshoot"])
         hint = page.locator("li", has_text="Raise").inner_text()
-        assert f"overshoots by {shown:.0f} %" in hint
+        assert f"overshoots by {shown:.0f}\u00a0%" in hint
 
 
 @pytest.mark.parametrize("name", ["index", "book/explorer"])
