@@ -85,9 +85,9 @@ def formulas_are_drawn_and_numbers_are_there(book):
     (notebooks,) = [e for e in entries(book.outline) if e.title == "The model: parameters"]
     pages = book.pages[: book.get_destination_page_number(notebooks)]
     assert len(pages) > 50
-    (verdicts,) = [e for e in entries(book.outline) if e.title.endswith("Verdicts")]
-    summed = pages[book.get_destination_page_number(verdicts)]
-    text = "\n".join(page.extract_text() for page in [summed, *pages[::3]])
+    verdicts = [entry for entry in entries(book.outline) if entry.title.endswith("Verdicts")]
+    summed = [pages[book.get_destination_page_number(entry)] for entry in verdicts]
+    text = "\n".join(page.extract_text() for page in [*summed, *pages[::3]])
     text = " ".join(unicodedata.normalize("NFKC", text).split())  # no ligatures
     assert not re.search(r"\\(dot|frac|begin|tag)\b|\\\(", text)
     summary = (ROOT / "book" / "results" / "verdicts-summary.md").read_text(encoding="utf-8")
