@@ -10,7 +10,7 @@ well, because it has more digits. The low end of ``above LOW`` is a hundredth of
 the default, and the high end of it and of ``at least LOW`` is ten times the default. A list is
 tried with its fewest values at either end of the range, with one value at each end in either order,
 and with twice its usual number of values all over the range. Of ``A | B`` every alternative is
-tried, and of a bool both; but ``quick`` stays true unless it is named, and paths are left out. When
+tried, and of a bool both; but ``quick`` stays true unless it is named, and texts are left out. When
 all parameters are changed together, one that breaks a condition beside those before it is not.
 
 A run is right if it ends with exit code 0, no table has a ``nan``, and none is mostly dashes that
@@ -55,7 +55,7 @@ def bounds(allowed: str, usual: list[Any]) -> tuple[float, float]:
 def ends(parameter: Parameter) -> dict[str, Any]:
     """Values to try, by what they are called."""
     usual, kind, allowed = parameter.default, parameter.kind, parameter.allowed
-    if allowed == "path":
+    if allowed in ("path", ""):  # a text
         return {}
     if kind is bool:
         return {"true": True, "false": False}
