@@ -14,7 +14,7 @@ INSTALLED := $(VENV)/.installed
 BUILT := _build/.built
 
 # Left out: copies such as "10_model-Copy1.ipynb", and names that make would take apart.
-STUDIES = $(shell ls $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
+STUDIES = $(shell ls -r $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
 NOTEBOOKS := $(addprefix notebooks/,$(call STUDIES,notebooks))
 RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
 STALE := $(filter-out $(RESULTS),$(addprefix book/results/,$(call STUDIES,book/results)))
@@ -105,12 +105,8 @@ book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m reportkit.execute $< $(@D)
 	$(call NOTE,$*)
 
-# Two at a time; the notebooks that compare times wait, and then run one after another.
-MAKEFLAGS += --jobs=2
-CALLED := \bmeasure\(
-TIMED := $(patsubst notebooks/%,book/results/%,$(shell grep -lE '$(CALLED)' $(NOTEBOOKS) /dev/null))
-UNTIMED := $(filter-out $(TIMED),$(RESULTS))
-$(foreach n,$(TIMED),$(eval $(n): | $(UNTIMED) $(before))$(eval before := $(n)))
+# Three at a time keep two processors busy: one of them may wait until it can measure times alone.
+MAKEFLAGS += --jobs=3
 
 # What the pages show of all results together: the verdicts; the modules, versions and data.
 SUMMARIES := $(addprefix book/results/,verdicts.md appendix-architecture.svg)

@@ -283,18 +283,6 @@ def test_locks_have_all_that_is_required_and_no_package_twice():
     assert {"pytest", "ruff", "mypy", "hypothesis"} <= tools
 
 
-def test_notebooks_that_measure_run_alone_after_all_others(tree):
-    for name in ("10_one", "30_three", "40_four"):
-        tree.write(f"notebooks/{name}.ipynb", "timing = measure(functions)\n")
-    tree.write("notebooks/50_five.ipynb", "we measure it; unmeasure(this)\n")
-    tree.touch("notebooks/20_two.ipynb")
-    tree.make("book", "--jobs=4")
-    steps = (tree.root / "log").read_text().split()
-    order = [step for step in steps if "0_" in step]
-    assert {*order[:2]} == {f"notebooks/{name}.ipynb" for name in ("20_two", "50_five")}
-    assert order[2:] == [f"notebooks/{name}.ipynb" for name in ("10_one", "30_three", "40_four")]
-
-
 def test_machine_code_stays_until_distclean(tree):
     code = tree.write("src/armsim/__pycache__/loop.nbc")
     tree.make("clean")

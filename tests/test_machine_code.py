@@ -6,6 +6,7 @@ import pkgutil
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from numba.extending import is_jitted
 import armbook
 import armsim
 from armsim import machine_code
-from armsim.machine_code import fingerprint, kept
+from armsim.machine_code import announced, fingerprint, kept
 
 SRC = Path(__file__).parents[1] / "src"
 
@@ -212,6 +213,28 @@ def test_each_signature_has_its_own_file_and_code_is_taken_from_it(folder):
     assert use() == (0, 2)
     assert len(list(folder.iterdir())) == 2
     assert use() == (2, 0)
+
+
+def test_of_two_that_compile_the_same_the_second_waits_and_reads_the_code(folder):
+    def double(x):
+        return 2 * x
+
+    one, other = kept()(double), kept()(double)
+    there = threading.Event()
+
+    def second():
+        there.set()
+        with announced("the other", other):
+            assert other(2) == 4
+
+    thread = threading.Thread(target=second)
+    with announced("one", one):
+        thread.start()
+        there.wait()
+        assert one(2) == 4
+    thread.join()
+    assert (hits(one), hits(other)) == ((0, 1), (1, 0))
+    assert [file.suffix for file in folder.iterdir()] == [".nbc"]
 
 
 def test_new_code_takes_the_place_of_old(folder):

@@ -17,7 +17,7 @@ import pickle
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import metadata
 from operator import attrgetter
 from pathlib import Path
@@ -32,6 +32,11 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.extending import _Intrinsic, is_jitted
 from numba.misc.appdirs import AppDirs
+
+try:
+    import fcntl
+except ImportError:  # on Windows each process compiles for itself
+    fcntl = None  # type: ignore[assignment]
 
 #: Known by their versions: numba has implementations of its own for what is called there.
 _LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "scipy"}
@@ -263,11 +268,12 @@ def generated(source: str, names: dict[str, Any], **options: Any) -> Callable:
 
 
 @contextmanager
-def announced(name: str) -> Iterator[None]:
+def announced(name: str, function: Callable) -> Iterator[None]:
     """Log a warning if the compilation in the block is not done, or read from disk, in two seconds.
 
     Without a handler of the application, logging writes warnings to standard error. Garbage is not
-    collected meanwhile: the search among the compiler's objects takes a seventh of the time.
+    collected meanwhile: the search among the compiler's objects takes a seventh of the time. If
+    other processes compile the same `function`, the first one does, and the others read its code.
     """
     text = f"armsim: compiling {name}; this takes some ten seconds"
     timer = threading.Timer(2.0, logging.getLogger("armsim").warning, (text,))
@@ -275,8 +281,23 @@ def announced(name: str) -> Iterator[None]:
     collecting = gc.isenabled()
     gc.disable()
     try:
-        yield
+        with _turn(function):
+            yield
     finally:
         timer.cancel()
         if collecting:
             gc.enable()
+
+
+@contextmanager
+def _turn(function: Callable) -> Iterator[None]:
+    """Wait for other processes that are in such a block for the same function, if it is kept."""
+    stamp, folder = fingerprint(function), _folder()
+    with ExitStack() as stack:
+        with suppress(OSError):  # some file systems have no locks
+            if fcntl and stamp and folder:
+                file = folder / f"{stamp}.lock"
+                handle = stack.enter_context(file.open("w"))
+                stack.callback(file.unlink, missing_ok=True)
+                fcntl.flock(handle, fcntl.LOCK_EX)
+        yield

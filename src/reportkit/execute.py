@@ -9,7 +9,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
@@ -27,12 +27,8 @@ from papermill.exceptions import PapermillExecutionError
 from traitlets import default
 from traitlets.config import Config
 
+from reportkit.locks import LOCK_VARIABLE, locked, shared
 from reportkit.record import RESULTS_VARIABLE
-
-try:
-    import fcntl
-except ImportError:  # the command line tells an OSError in one line
-    raise OSError("notebooks run on Linux and macOS; on Windows, use WSL") from None
 
 #: Settings of the user that could change a result, or keep a kernel from starting.
 _HARMFUL = re.compile("PYTHON(?!PATH$|HOME$)|NUMBA_(?!CACHE_DIR$)|MPLBACKEND$|JUPYTER_")
@@ -110,24 +106,6 @@ def executed(
 
 
 @contextmanager
-def locked(folder: Path, wait: bool = True) -> Iterator[None]:
-    """Lock a folder against other processes until the block ends or this process dies.
-
-    Raises
-    ------
-    OSError
-        If another process has locked it and `wait` is false.
-    """
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        with suppress(OSError) if wait else nullcontext():  # some file systems have no locks
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        yield
-    finally:
-        os.close(handle)
-
-
-@contextmanager
 def _scratch(parent: Path, stem: str) -> Iterator[Path]:
     """Make a hidden folder, and remove those that killed processes have left."""
     parent.mkdir(parents=True, exist_ok=True)
@@ -178,7 +156,8 @@ class _Kernel(AsyncKernelManager):
         _Kernel._listener = Thread(target=self._listen, args=[read], daemon=True)
         self._listener.start()
         try:
-            await super().start_kernel(stderr=write, **options)
+            lock = filter(None, [os.environ.get(LOCK_VARIABLE)])
+            await super().start_kernel(stderr=write, pass_fds=[*map(int, lock)], **options)
         finally:
             os.close(write)
 
@@ -273,7 +252,8 @@ def main(arguments: list[str]) -> int:
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
     try:
-        complaints = execute(source, results)
+        with shared(source.parent):
+            complaints = execute(source, results)
     except NotebookError as error:
         print(f"\n{error}\n", file=sys.stderr)
         return 1

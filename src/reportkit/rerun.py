@@ -11,7 +11,8 @@ import nbformat
 import pandas as pd
 
 from reportkit import check, page
-from reportkit.execute import executed, locked
+from reportkit.execute import executed
+from reportkit.locks import locked
 from reportkit.parameters import Notebook
 from reportkit.project import Project, read_toml
 from reportkit.record import RESULTS_VARIABLE

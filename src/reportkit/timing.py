@@ -19,6 +19,8 @@ import pandas as pd
 from joblib.externals.loky import get_reusable_executor
 from tqdm import tqdm
 
+from reportkit.locks import alone
+
 Clock = Callable[[], float]
 
 #: A measurement lasts at least this many times the resolution of the clock.
@@ -86,7 +88,7 @@ def measure(
     Every function is first called once without being measured. Then each repetition goes through
     all of them in a random order, and calls each as often as a measurement needs to last
     `shortest` and `RESOLUTIONS` times the resolution of the clock. Garbage is collected between
-    repetitions.
+    repetitions. Of the notebooks that make executes, no other one works meanwhile.
 
     Parameters
     ----------
@@ -115,14 +117,24 @@ def measure(
     if not functions or repetitions < 1:
         given = f"{len(functions)} functions and {repetitions} repetitions"
         raise ValueError(f"{given}; at least 1 is needed")
+    for function in functions.values() if warm_up else ():
+        function()
+    with alone():
+        return _measured(functions, repetitions, shortest, clocks, enough)
+
+
+def _measured(
+    functions: Mapping[str, Callable[[], object]],
+    repetitions: int,
+    shortest: float,
+    clocks: Mapping[str, Clock],
+    enough: Callable[[Timing], bool],
+) -> Timing:
     resolutions = {name: resolution(clock) for name, clock in clocks.items()}
     first = next(iter(clocks))
     chosen = min(clocks, key=lambda name: resolutions[name] * (1 if name == first else 2))
     clock, least = clocks[chosen], max(shortest, RESOLUTIONS * resolutions[chosen])
-    random, counts = np.random.default_rng(0), dict.fromkeys(functions, 1)
-    for function in functions.values() if warm_up else ():
-        function()
-    rows = []
+    random, counts, rows = np.random.default_rng(0), dict.fromkeys(functions, 1), []
     gc.freeze()  # existing objects are not searched in every collection
     try:
         for n in tqdm(range(repetitions), unit="rounds"):

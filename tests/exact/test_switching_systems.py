@@ -228,7 +228,7 @@ def test_a_compilation_is_announced_once(monkeypatch, caplog):
 
 
 def test_a_compilation_in_time_is_silent(caplog):
-    with machine_code.announced("nothing"):
+    with machine_code.announced("nothing", probe):
         pass
     assert not caplog.records
 

@@ -14,6 +14,7 @@ import pytest
 
 from reportkit import execute as module
 from reportkit.execute import NotebookError, execute, main
+from reportkit.locks import LOCK_VARIABLE, locked
 
 STUDY = """
 import sys
@@ -178,6 +179,33 @@ def test_interruption_leaves_nothing(notebook, tmp_path, number):
     assert process.returncode == 130
     assert "nothing published" in message
     assert contents(results) == {}
+
+
+MEASURING = """
+import fcntl, pathlib, time
+from reportkit.locks import locked
+from reportkit.timing import measure
+
+def others():
+    with locked(pathlib.Path({folder!r}), wait=False, kind=fcntl.LOCK_SH):
+        return True
+
+assert others()
+try:
+    measure(dict(f=others), 1, warm_up=False)
+except BlockingIOError:
+    print("alone")
+assert others()
+"""
+
+
+def test_a_notebook_that_measures_has_the_machine_alone_meanwhile(notebook, tmp_path):
+    """Its kernel turns the lock that it shares with other notebooks into one of its own."""
+    source = notebook(MEASURING.format(folder=str(tmp_path)))
+    assert main([str(source), str(tmp_path / "results")]) == 0
+    assert '"alone\\n"' in (tmp_path / "results" / source.name).read_text()
+    with locked(tmp_path, wait=False):
+        assert LOCK_VARIABLE not in os.environ
 
 
 def test_progress_is_told_as_it_goes_and_not_published(notebook, tmp_path, capsys, monkeypatch):

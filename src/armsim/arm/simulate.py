@@ -268,7 +268,7 @@ def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
 @cache
 def _get_ready() -> None:
     """Compile the solver or load it from disk; print a notice if this takes long."""
-    with announced("the exact solver for the arm"):
+    with announced("the exact solver for the arm", modes.run):
         _exact(AxisParameters.paper_x_axis(), _checked(0.0, None, 1e-9, None))(0.0)
 
 

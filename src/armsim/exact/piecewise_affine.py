@@ -442,7 +442,7 @@ class System:
         try:
             signature = tuple(map(typeof, arguments))
             if signature not in self._run.overloads:
-                with announced(f"the exact solver with {name}"):
+                with announced(f"the exact solver with {name}", self._run):
                     self._run.compile(signature)
         except (NumbaError, UnsupportedBytecodeError, ValueError) as error:
             lines = re.findall(r"^ *(?!Failed in|During)(\S.*)", str(error), re.M)
