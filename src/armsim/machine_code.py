@@ -18,6 +18,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import wraps
 from importlib import metadata
 from operator import attrgetter
 from pathlib import Path
@@ -234,7 +235,24 @@ def kept(**options: Any) -> Callable[[Callable], Callable]:
         dispatcher, folder = njit(**options)(function), _folder()
         if folder is not None:
             dispatcher._cache = _Files(dispatcher, folder)
+        dispatcher.compile = _without_collecting(dispatcher.compile)
         return dispatcher
+
+    return compiled
+
+
+def _without_collecting(compile_: Callable) -> Callable:
+    """Collect no garbage: the search among the compiler's objects takes a seventh of the time."""
+
+    @wraps(compile_)
+    def compiled(*arguments: Any) -> Any:
+        collecting = gc.isenabled()
+        gc.disable()
+        try:
+            return compile_(*arguments)
+        finally:
+            if collecting:
+                gc.enable()
 
     return compiled
 
@@ -271,22 +289,17 @@ def generated(source: str, names: dict[str, Any], **options: Any) -> Callable:
 def announced(name: str, function: Callable) -> Iterator[None]:
     """Log a warning if the compilation in the block is not done, or read from disk, in two seconds.
 
-    Without a handler of the application, logging writes warnings to standard error. Garbage is not
-    collected meanwhile: the search among the compiler's objects takes a seventh of the time. If
-    other processes compile the same `function`, the first one does, and the others read its code.
+    Without a handler of the application, logging writes warnings to standard error. If several
+    processes come to compile `function`, the first one does, and the others read its code.
     """
     text = f"armsim: compiling {name}; this takes some ten seconds"
     timer = threading.Timer(2.0, logging.getLogger("armsim").warning, (text,))
     timer.start()
-    collecting = gc.isenabled()
-    gc.disable()
     try:
         with _turn(function):
             yield
     finally:
         timer.cancel()
-        if collecting:
-            gc.enable()
 
 
 @contextmanager
