@@ -95,30 +95,48 @@ def violations(page, context, rules=None):
 def test_page_reads_well(path, visit):
     """In light, in dark, on a laptop and on a phone; one visit, since each takes a second."""
     page = visit(path.as_uri())
+    formulas_are_drawn(page)
+    page.evaluate(AXE)
+    alone = path.name == "404.html"  # without a sidebar, and it follows the system's colours
+    # highlighted code has thousands of elements, and the same colours on all pages
+    context = {"exclude": [[".highlight"]] if path.parent.name == "results" else []}
+    assert alone or page.evaluate("document.documentElement.dataset.theme") == "light"
+    assert violations(page, context) == []
+    be_dark(page, themed=not alone)
+    assert violations(page, context, ["color-contrast"]) == []
+    no_white_card_is_behind_a_figure(page)
+    if not alone:
+        logo_and_search_stay_in_sight(page)
+    for width in WIDTHS.values():
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    nothing_is_cut_off_on_a_phone(page)
+    text_in_figures_is_legible_on_a_phone(page, path)
+
+
+def formulas_are_drawn(page):
     has_math = page.locator(".bd-article .math").count() > 0
     assert (page.locator("mjx-container").count() > 0) == has_math
     assert page.locator("[data-mjx-error], [data-mml-node=merror]").count() == 0
-    page.evaluate(AXE)
-    # highlighted code has thousands of elements, and the same colours on all pages
-    context = {"exclude": [[".highlight"]] if path.parent.name == "results" else []}
-    themed = path.name != "404.html"  # which follows the system by itself
-    assert not themed or page.evaluate("document.documentElement.dataset.theme") == "light"
-    assert violations(page, context) == []
+
+
+def be_dark(page, themed):
     # no colour half-way from light to dark
     page.add_style_tag(content="*, ::before, ::after { transition: none !important; }")
     page.emulate_media(color_scheme="dark")
     if themed:
         page.wait_for_function("document.documentElement.dataset.theme == 'dark'")
-    assert violations(page, context, ["color-contrast"]) == []
+
+
+def no_white_card_is_behind_a_figure(page):
     grounds = page.evaluate(
         "[...document.querySelectorAll('.bd-article img')]"
         ".map(image => getComputedStyle(image).backgroundColor)"
     )
-    assert set(grounds) <= {"rgba(0, 0, 0, 0)"}  # no white card behind a figure
-    for name, width in WIDTHS.items():
-        page.set_viewport_size({"width": width, "height": 900})
-        too_wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
-        assert too_wide <= 0, name
+    assert set(grounds) <= {"rgba(0, 0, 0, 0)"}
+
+
+def nothing_is_cut_off_on_a_phone(page):
     cut_off = page.evaluate(  # a command wraps
         "[...document.querySelectorAll('.bd-article .highlight-sh pre')]"
         ".filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)"
@@ -129,6 +147,51 @@ def test_page_reads_well(path, visit):
         ".filter(e => e.getBoundingClientRect().left < 0).map(e => e.outerHTML.slice(0, 200))"
     )
     assert cut_off == []
+
+
+def logo_and_search_stay_in_sight(page):
+    page.set_viewport_size({"width": 1400, "height": 900})
+    for scrolled in ("", "document.querySelector('.bd-sidebar-primary').scrollTo(0, 10000)"):
+        page.evaluate(scrolled)
+        for part in (".bd-sidebar-primary .logo", ".bd-sidebar-primary .search-button-field"):
+            seen = page.locator(part).evaluate(
+                """e => {
+                    const {left, top, right, bottom} = e.getBoundingClientRect();
+                    const over = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);
+                    return left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight
+                        && e.contains(over);
+                }"""
+            )
+            assert seen, part
+
+
+def text_in_figures_is_legible_on_a_phone(page, path):
+    """At least 10 px. Only exponents are smaller, 0.7 of that, as `figures.save` checks."""
+    shown = page.evaluate(
+        "[...document.querySelectorAll('.bd-article img')].filter(e => e.offsetWidth)"
+        ".map(e => [e.getAttribute('src'), e.offsetWidth])"
+    )
+    small = {}
+    for source, width in shown:
+        if not source.endswith(".svg") or Path(source).name.startswith(PLANS):
+            continue
+        drawing = (path.parent / source).read_text(encoding="utf-8")
+        box = re.search(r'viewBox="\S+ \S+ (\S+) \S+"', drawing)
+        least = min(sizes_of_text(drawing), default=100) * width / float(box[1])
+        if least < 7:  # px
+            small[Path(source).name] = round(least, 1)
+    assert small == {}
+
+
+def sizes_of_text(drawing: str) -> list[float]:
+    """Sizes of the texts of a drawing, in its own units: as outlines, or as text."""
+    outlines = re.findall(r"translate\([^)]*\)[^\"]*? scale\(([\d.]+) -[\d.]+\)", drawing)
+    texts = re.findall(r"font(?:-size)?: ?(?:[a-z0-9]+ )*?([\d.]+)px|font-size=\"([\d.]+)", drawing)
+    return [100 * float(one) for one in outlines] + [float(a or b) for a, b in texts]
+
+
+#: Plans of the software and of the model. A phone shows them whole, to be enlarged by hand.
+PLANS = ("appendix-architecture", "block_diagram", "arm_axes")
 
 
 @pytest.mark.parametrize("missing", ["old.html", "book/very/old.html"])
@@ -150,56 +213,6 @@ def test_missing_page_leads_to_the_front_page_of_a_book_below_the_root(site, bro
     assert page.url == "https://book.example/armsim/index.html"
     assert page.title()
     page.close()
-
-
-def test_logo_and_search_stay_in_sight(path, visit):
-    if path.name == "404.html":  # stands alone
-        pytest.skip("a missing page has no sidebar")
-    page = visit(path.as_uri())
-    page.set_viewport_size({"width": 1400, "height": 900})
-    for scrolled in ("", "document.querySelector('.bd-sidebar-primary').scrollTo(0, 10000)"):
-        page.evaluate(scrolled)
-        for part in (".bd-sidebar-primary .logo", ".bd-sidebar-primary .search-button-field"):
-            seen = page.locator(part).evaluate(
-                """e => {
-                    const {left, top, right, bottom} = e.getBoundingClientRect();
-                    const over = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);
-                    return left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight
-                        && e.contains(over);
-                }"""
-            )
-            assert seen, part
-
-
-def sizes_of_text(drawing: str) -> list[float]:
-    """Sizes of the texts of a drawing, in its own units: as outlines, or as text."""
-    outlines = re.findall(r"translate\([^)]*\)[^\"]*? scale\(([\d.]+) -[\d.]+\)", drawing)
-    texts = re.findall(r"font(?:-size)?: ?(?:[a-z0-9]+ )*?([\d.]+)px|font-size=\"([\d.]+)", drawing)
-    return [100 * float(one) for one in outlines] + [float(a or b) for a, b in texts]
-
-
-#: Plans of the software and of the model. A phone shows them whole, to be enlarged by hand.
-PLANS = ("appendix-architecture", "block_diagram", "arm_axes")
-
-
-def test_text_in_figures_is_legible_on_a_phone(path, visit):
-    """At least 10 px. Only exponents are smaller, 0.7 of that, as `figures.save` checks."""
-    page = visit(path.as_uri())
-    page.set_viewport_size({"width": WIDTHS["phone"], "height": 900})
-    shown = page.evaluate(
-        "[...document.querySelectorAll('.bd-article img')].filter(e => e.offsetWidth)"
-        ".map(e => [e.getAttribute('src'), e.offsetWidth])"
-    )
-    small = {}
-    for source, width in shown:
-        if not source.endswith(".svg") or Path(source).name.startswith(PLANS):
-            continue
-        drawing = (path.parent / source).read_text(encoding="utf-8")
-        box = re.search(r'viewBox="\S+ \S+ (\S+) \S+"', drawing)
-        least = min(sizes_of_text(drawing), default=100) * width / float(box[1])
-        if least < 7:  # px
-            small[Path(source).name] = round(least, 1)
-    assert small == {}
 
 
 def test_search_finds_a_word_from_disk(site, visit):

@@ -78,17 +78,23 @@ def it_is_tagged_and_says_what_it_is(book):
 
 
 def formulas_are_drawn_and_numbers_are_there(book):
-    """Read a third of the pages up to the notebooks, whose code has formulas as text.
+    """On one page of numbers, and on a few of formulas: MathJax draws all of a page or none.
 
-    MathJax draws all formulas of a page or none, and in the PDF the book is one page.
+    In the PDF the book is one page.
     """
-    (notebooks,) = [e for e in entries(book.outline) if e.title == "The model: parameters"]
-    pages = book.pages[: book.get_destination_page_number(notebooks)]
-    assert len(pages) > 50
-    verdicts = [entry for entry in entries(book.outline) if entry.title.endswith("Verdicts")]
-    summed = [pages[book.get_destination_page_number(entry)] for entry in verdicts]
-    text = "\n".join(page.extract_text() for page in [*summed, *pages[::3]])
-    text = " ".join(unicodedata.normalize("NFKC", text).split())  # no ligatures
-    assert not re.search(r"\\(dot|frac|begin|tag)\b|\\\(", text)
+    text = text_from(book, "Verdicts", 1)
     summary = (ROOT / "book" / "results" / "verdicts-summary.md").read_text(encoding="utf-8")
     assert summary.strip() in text
+    text = text_from(book, "What “order p” demands", 4)
+    assert "rooted trees" in text
+    assert not re.search(r"\\(dot|frac|begin|tag)\b|\\\(", text)
+
+
+def text_from(book, title, count):
+    """Text of some pages from each heading with a title."""
+    found = [entry for entry in entries(book.outline) if entry.title.endswith(title)]
+    firsts = [book.get_destination_page_number(entry) for entry in found]
+    assert firsts, title
+    pages = [book.pages[first + n] for first in firsts for n in range(count)]
+    text = "\n".join(page.extract_text() for page in pages)
+    return " ".join(unicodedata.normalize("NFKC", text).split())  # no ligatures
