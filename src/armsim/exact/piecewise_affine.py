@@ -331,7 +331,9 @@ class ExactSolution:
         """Modes at the times `t` (k,); at an event, the mode after it."""
         times = checked_times(t, self.start, self.end)
         pieces = np.searchsorted(self.room.start[:, 0], times, side="right") - 1
-        return list(map(self.mode_name, self.room.label[pieces, 0].tolist()))
+        numbers, which = np.unique(self.room.label[pieces, 0], return_inverse=True)
+        names = [self.mode_name(number) for number in numbers.tolist()]
+        return [names[n] for n in which.tolist()]
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
