@@ -1,4 +1,4 @@
-"""Claims, each tested on recorded values by a criterion that stands beside it.
+"""Claims, each tested on recorded values by its criterion.
 
 A claim that passes its tests is confirmed; one that fails them, but passes those of a corrected
 reading, is confirmed with a correction; one that fails both is refuted. Other reasonable readings
@@ -171,7 +171,7 @@ class Claim:
 
     def __post_init__(self) -> None:
         if self.untestable != (not self.tests):
-            raise ClaimError(f"{self.name}: tests, or that it is untestable, one of them")
+            raise ClaimError(f"{self.name}: expected either tests or untestable = true")
         if (self.untestable or self.corrected) and not self.note:
             raise ClaimError(f"{self.name}: the note is missing")
         if self.readings and not self.reading:

@@ -98,4 +98,4 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
-        raise ProjectError(f"{path}: no TOML file in UTF-8: {error}") from None
+        raise ProjectError(f"{path}: not a TOML file in UTF-8: {error}") from None

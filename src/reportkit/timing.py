@@ -1,4 +1,4 @@
-"""Processor times of functions, measured so that they can be compared."""
+"""Comparable CPU times of functions."""
 
 import gc
 import os
