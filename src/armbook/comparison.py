@@ -92,7 +92,7 @@ def compare(
 SHORT = {
     "blew up": "blows up",
     "with shift 0": "cannot start from rest, where states are zero",
-    "evaluations": f"asks for more than {MAX_EVALUATIONS} evaluations",
+    "evaluations": f"needs more than {MAX_EVALUATIONS} evaluations",
 }
 
 
