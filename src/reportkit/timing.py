@@ -101,7 +101,7 @@ def measure(
     warm_up : bool
         False if the functions have been called already.
     enough : callable, optional
-        Asked after every tenth repetition, with what has been measured, whether to stop.
+        Called with the measurements after every tenth repetition; returns whether to stop.
 
     Returns
     -------
