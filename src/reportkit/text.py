@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 Row: TypeAlias = Sequence[Any]  #: cells of a table
 
-_EXPONENTIAL = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([-+−]\d+)\b")
+_EXPONENTIAL = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)e([-+−]\d+)\b")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -53,7 +53,8 @@ def powers(told: str) -> str:
 
 def _power(found: re.Match[str]) -> str:
     raised = str(int(found[2].replace("−", "-"))).translate(_RAISED)
-    return f"10{raised}" if found[1] == "1" else f"{found[1]} · 10{raised}"
+    factor = found[1].removesuffix(".")
+    return f"10{raised}" if factor == "1" else f"{factor} · 10{raised}"
 
 
 def columns(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
