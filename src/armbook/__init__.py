@@ -1,1 +1,1 @@
-"""What only the book on the robot arm needs: drawings, peers, names and styles."""
+"""Parts that only this book needs: drawings, peers, names and styles."""

@@ -1,4 +1,4 @@
-"""The command ``armsim``: the report's command line, if the packages of the book are there."""
+"""The command ``armsim``: the report's command line, if the book's packages are installed."""
 
 import sys
 from pathlib import Path

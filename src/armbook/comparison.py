@@ -92,7 +92,7 @@ def compare(
 SHORT = {
     "blew up": "blows up",
     "with shift 0": "cannot start from rest, where states are zero",
-    "evaluations": f"asks for more than {MAX_EVALUATIONS} evaluations",
+    "evaluations": f"needs more than {MAX_EVALUATIONS} evaluations",
 }
 
 
@@ -120,7 +120,7 @@ def reasons(failures: pd.DataFrame, problems: Sequence[str]) -> list[list[str]]:
         ["reason", "problem", "least", "most"], sort=False
     ):
         reason, problem, least, most = key
-        settings = f"{least:g}" if least == most else f"{least:g} to {most:g}"
+        settings = " to ".join(map(np.format_float_scientific, sorted({least, most})))
         where = "all" if problem == "; ".join(problems) else problem
         rows.append(["; ".join(part["method"]), where, settings, reason])
     return rows

@@ -1,4 +1,4 @@
-"""Solvers that a user would reach for instead, and ours, on the problems of `armbook.problems`."""
+"""Standard solvers and ours, on the problems of `armbook.problems`."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -1,4 +1,4 @@
-"""The steps in which the search for a guard's crossing advances, to be drawn."""
+"""The steps of the search for a guard's crossing, for a drawing."""
 
 import numpy as np
 

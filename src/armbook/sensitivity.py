@@ -1,4 +1,4 @@
-"""How the recorded values change with our own choices, from ``data/sensitivity/choices.csv``."""
+"""Changes of the recorded values with our own choices, from ``data/sensitivity/choices.csv``."""
 
 from pathlib import Path
 

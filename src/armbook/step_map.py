@@ -1,4 +1,4 @@
-"""What a map of the step response over two parameters says."""
+"""Numbers read off a map of the step response over two parameters."""
 
 import numpy as np
 

@@ -128,7 +128,7 @@ def load(path: Path) -> dict[str, Any]:
         records = json.loads(path.read_text(encoding="utf-8"))
         if all({"value", "unit", "tolerance"} <= set(item) for item in records.values()):
             return dict(records)
-    raise ProjectError(f"{path} does not hold what a study records")
+    raise ProjectError(f"{path} is not the record of a study")
 
 
 def load_all(folder: Path) -> dict[str, dict[str, Any]]:

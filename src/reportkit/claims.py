@@ -1,8 +1,8 @@
-"""Claims, each tested on recorded values by a criterion that stands beside it.
+"""Claims, each tested on recorded values by its criterion.
 
 A claim that passes its tests is confirmed; one that fails them, but passes those of a corrected
 reading, is confirmed with a correction; one that fails both is refuted. Other reasonable readings
-of the claim are tested beside it. If one of them, or a changed choice of the authors, turns the
+of the claim are tested as well. If one of them, or a changed choice of the authors, changes the
 result, the claim depends on the reading. A claim may say that it cannot be tested, and why.
 """
 
@@ -55,7 +55,7 @@ class Test:
     unit : str, optional
         Unit to print instead of the recorded one.
     what : str
-        What is measured, if the name of the reading does not tell it.
+        The measured quantity, if the name of the reading does not say it.
     """
 
     __test__ = False  # for pytest
@@ -171,7 +171,7 @@ class Claim:
 
     def __post_init__(self) -> None:
         if self.untestable != (not self.tests):
-            raise ClaimError(f"{self.name}: tests, or that it is untestable, one of them")
+            raise ClaimError(f"{self.name}: expected either tests or untestable = true")
         if (self.untestable or self.corrected) and not self.note:
             raise ClaimError(f"{self.name}: the note is missing")
         if self.readings and not self.reading:
@@ -231,7 +231,7 @@ def load_opinions(path: Path) -> dict[str, list[str]]:
 
 
 def load_turned(path: Path) -> dict[str, list[str]]:
-    """Read for each claim the changed choices with which its verdict is another.
+    """Read the changed choices that change the verdict on each claim.
 
     The file has the columns ``variation``, ``claim`` and ``verdict``, and the rows of the variation
     `PUBLISHED`. An empty verdict is that of a claim that the change makes meaningless.

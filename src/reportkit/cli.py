@@ -162,7 +162,7 @@ def check_(project: Project, update: bool, results: Path | None, expected: Path 
         check.update(pairs, expected)
         click.echo(f"{len(moved)} expectations updated in {expected}")
     elif moved:
-        click.echo(f"{len(moved)} of {len(pairs)} values moved. If that is meant: "
+        click.echo(f"{len(moved)} of {len(pairs)} values moved. If intended: "
                    f"{project.name} check --update")  # fmt: skip
     else:
         click.echo(f"{len(pairs)} values are as expected")

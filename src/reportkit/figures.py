@@ -133,14 +133,14 @@ def family(
 def ranking(
     ax: Axes, values: Mapping[str, float], colours: Mapping[str, str], failed: str = "not reached"
 ) -> None:
-    """Draw a dot with its number for each name, the least on top, on a logarithmic axis.
+    """Draw a dot with its number for each name, smallest on top, on a logarithmic axis.
 
     Parameters
     ----------
     ax
         Its height should be 0.25 inches for each name.
     values : mapping of name to value
-        A NaN stands last, with the word `failed` at the margin.
+        A NaN comes last, with the text `failed` at the margin.
     colours : mapping of name to colour
         The names to highlight.
     """
@@ -168,7 +168,7 @@ def ranking(
 def tornado(
     ax: Axes, groups: Mapping[str, Mapping[str, tuple[float, float]]], names: tuple[str, str]
 ) -> None:
-    """Draw for each group a heading, and below it for each name a bar to two factors from 1.
+    """Draw a heading for each group, and below it for each name a bar from 1 to two factors.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def tornado(
     groups : mapping of heading to mapping of name to two factors
         Factors above 0, for a logarithmic axis.
     names
-        What the two factors belong to, for the legend.
+        Names of the two factors in the legend.
     """
     row, ticks = 0, {}
     for heading, bars in groups.items():

@@ -1,4 +1,4 @@
-"""One HTML page of an executed notebook that needs no other file and no network."""
+"""A self-contained HTML page of an executed notebook."""
 
 import base64
 import re

@@ -70,9 +70,9 @@ class Parameter:
     def __post_init__(self) -> None:
         numeric = not isinstance(self.default, str | bool)
         if numeric and not set(re.split("[ /]", (self.unit or "").rstrip("²³"))) <= _SYMBOLS:
-            raise ParameterError(f"{self.name}: unit {self.unit!r} is none; 1 stands for none")
+            raise ParameterError(f"{self.name}: {self.unit!r} is not a unit; write 1 for none")
         if numeric and not self.allowed:
-            raise ParameterError(f"{self.name}: what is allowed is not said")
+            raise ParameterError(f"{self.name}: the allowed range is missing")
         if not self.help:
             raise ParameterError(f"{self.name}: the help text is missing")
         self.check(self.default)
@@ -84,7 +84,7 @@ class Parameter:
         kinds = set(map(type, self.default)) if several else {type(self.default)}
         kind = float if kinds == {int, float} else kinds.pop() if len(kinds) == 1 else None
         if kind is None or kind not in ((int, float) if several else _KINDS):
-            raise ParameterError(f"{self.name} = {self.default!r}: of no type that can be checked")
+            raise ParameterError(f"{self.name} = {self.default!r}: its type cannot be checked")
         return kind
 
     @property
@@ -125,7 +125,7 @@ class Parameter:
         if not isinstance(self.default, list):
             return self._checked(value, allowed, value)
         if not (match := _LIST.fullmatch(allowed)):
-            raise ParameterError(f"{self.name}: {allowed!r} does not say what each value may be")
+            raise ParameterError(f"{self.name}: {allowed!r} has no range for each value")
         least = int(match["count"] or 1)
         most = least if match["count"] and not match["more"] else math.inf
         if not isinstance(value, list) or not least <= len(value) <= most:
@@ -167,7 +167,7 @@ class Parameter:
                     return bool(value >= float(low))
                 case [low, "to", high]:
                     return float(low) <= value <= float(high)
-        raise ParameterError(f"{self.name}: {allowed!r} is no range")
+        raise ParameterError(f"{self.name}: {allowed!r} is not a range")
 
     def _refusal(self, value: Any) -> ParameterError:
         return ParameterError(f"{self.name} = {value!r}: expected {self.wanted}")
@@ -212,7 +212,7 @@ class Notebook:
                 one, relation, other = condition.split()
                 holds = _RELATIONS[relation](whole[one], whole[other])
             except (LookupError, ValueError, TypeError):
-                raise ParameterError(f"{condition!r} is no condition") from None
+                raise ParameterError(f"{condition!r} is not a condition") from None
             if not holds:
                 given = ", ".join(f"{name} = {whole[name]!r}" for name in (one, other))
                 raise ParameterError(f"{given}: expected {condition}")
@@ -221,7 +221,7 @@ class Notebook:
     def _parameter(self, name: str) -> Parameter:
         if name not in self.parameters:
             hint = _nearest(name, self.parameters)
-            raise ParameterError(f"{name}: no parameter of {self.name}; {hint}")
+            raise ParameterError(f"{name}: not a parameter of {self.name}; {hint}")
         return self.parameters[name]
 
 
@@ -290,7 +290,7 @@ def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
     comments = {t.start[0]: t.string.lstrip("#").strip() for t in tokens if t.type == COMMENT}
     for node in nodes:
         if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
-            raise ParameterError(f"cell of parameters: {ast.unparse(node)} is no NAME = VALUE")
+            raise ParameterError(f"cell of parameters: {ast.unparse(node)} is not NAME = VALUE")
         if not (comment := comments.get(node.end_lineno or 0)):  # it stands above
             before = reversed(lines[: node.lineno - 1])
             above = takewhile(lambda line: line.startswith("#"), before)

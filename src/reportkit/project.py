@@ -34,11 +34,11 @@ class Project:
     extra : str
         Extra of the distribution that the report needs.
     versions : tuple of str
-        Packages whose versions stand on the page of a rerun, the report itself possibly among them.
+        Packages whose versions the page of a rerun lists; the report itself may be one of them.
     checks : mapping of str to str
         For a notebook, a function ``package.module:name`` that takes its parameters before a rerun,
-        reads the files among them, for example, and returns a notice, or an empty text. It raises
-        a ValueError, ArithmeticError or OSError if they will not do.
+        for example to read files, and returns a notice or an empty text. It raises
+        a ValueError, ArithmeticError or OSError if they are invalid.
     """
 
     root: Path
@@ -98,4 +98,4 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
-        raise ProjectError(f"{path}: no TOML file in UTF-8: {error}") from None
+        raise ProjectError(f"{path}: not a TOML file in UTF-8: {error}") from None

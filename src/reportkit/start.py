@@ -1,4 +1,4 @@
-"""Start a report: copy one that has a notebook, a claim and a figure, to be changed."""
+"""Start a report: copy a small one with a notebook, a claim and a figure."""
 
 import shutil
 import sys
@@ -18,7 +18,7 @@ def start(folder: Path) -> None:
     names = [path.relative_to(STARTER) for path in STARTER.rglob("*") if path.is_file()]
     for name in names:
         if (folder / name).exists():
-            raise FileExistsError(f"{folder / name} is there already: a report starts from nothing")
+            raise FileExistsError(f"{folder / name} exists already: use an empty folder")
     shutil.copytree(STARTER, folder, dirs_exist_ok=True)
 
 

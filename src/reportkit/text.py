@@ -1,12 +1,16 @@
 """Files and texts as a report writes them: whole files, numbers and tables."""
 
 import json
+import re
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 Row: TypeAlias = Sequence[Any]  #: cells of a table
+
+_EXPONENTIAL = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)e([-+−]\d+)\b")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def studies(folder: Path, ending: str) -> list[Path]:
@@ -42,6 +46,17 @@ def number(value: Any, unit: str | None = None, digits: int = 12) -> str:
     return text if unit in (None, "1") else f"{text} {unit}"
 
 
+def powers(told: str) -> str:
+    """Return a text with its exponential notation as powers: 10⁻⁷ for ``1e-07``."""
+    return _EXPONENTIAL.sub(_power, told)
+
+
+def _power(found: re.Match[str]) -> str:
+    raised = str(int(found[2].replace("−", "-"))).translate(_RAISED)
+    factor = found[1].removesuffix(".")
+    return f"10{raised}" if factor == "1" else f"{factor} · 10{raised}"
+
+
 def columns(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table for the terminal, its columns aligned."""
     rows = [heading, *rows]
@@ -68,4 +83,4 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
 
 
 def _cell(value: Any) -> str:
-    return str(value).replace("|", r"\|").replace("\n", " ")
+    return powers(str(value)).replace("|", r"\|").replace("\n", " ")

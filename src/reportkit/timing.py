@@ -1,4 +1,4 @@
-"""Processor times of functions, measured so that they can be compared."""
+"""Comparable CPU times of functions."""
 
 import gc
 import os
@@ -103,7 +103,7 @@ def measure(
     warm_up : bool
         False if the functions have been called already.
     enough : callable, optional
-        Asked after every tenth repetition, with what has been measured, whether to stop.
+        Called with the measurements after every tenth repetition; returns whether to stop.
 
     Returns
     -------

@@ -51,7 +51,7 @@ def test_mean_acceleration_is_what_the_model_accelerates_by():
             {"velocity": np.where(np.arange(30) == 7, np.nan, 0)},
             "sample 7: velocity = nan is not finite",
         ),
-        ({"t": np.where(np.arange(30) == 4, T[3], T)}, "sample 4: time = 5.006 stands there twice"),
+        ({"t": np.where(np.arange(30) == 4, T[3], T)}, "sample 4: time = 5.006 appears twice"),
     ],
 )
 def test_samples_are_checked(changes, message):

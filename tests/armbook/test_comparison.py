@@ -172,6 +172,6 @@ def test_failures_that_are_alike_are_one_row():
     other = ["C", "move", 1e-3, "the step size is zero"]
     rows = reasons(pd.DataFrame([*blown, other], columns=columns), ["linear", "move"])
     assert rows == [
-        ["A; B", "all", "1e-05 to 0.0001", "blows up"],
-        ["C", "move", "0.001", "the step size is zero"],
+        ["A; B", "all", "1.e-05 to 1.e-04", "blows up"],
+        ["C", "move", "1.e-03", "the step size is zero"],
     ]

@@ -83,7 +83,7 @@ def test_what_moved_is_told_and_can_be_made_the_expectation(folders, capsys, nam
     assert lines[0] == "name expected got tolerance notebook"
     assert lines[2:] == [
         row,
-        "1 of 7 values moved. If that is meant: toy check --update",
+        "1 of 7 values moved. If intended: toy check --update",
     ]
     assert check("--update") == 0
     assert check() == 0
@@ -117,7 +117,7 @@ def test_first_expectations_are_what_was_built(folders, tmp_path):
 def test_file_without_records_is_named(folders, capsys, text):
     (folders[1] / "50_x.json").write_text(text)
     assert check() == 2
-    assert "50_x.json does not hold what a study records" in capsys.readouterr().err
+    assert "50_x.json is not the record of a study" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [[], ["--update"]])

@@ -89,8 +89,8 @@ def test_texts_become_values(notebook, name, text, value):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("T_q", "1", "T_q: no parameter of 50_x; did you mean T_p?"),
-        ("zzzz", "1", "zzzz: no parameter of 50_x; known are T_p, count, gain"),
+        ("T_q", "1", "T_q: not a parameter of 50_x; did you mean T_p?"),
+        ("zzzz", "1", "zzzz: not a parameter of 50_x; known are T_p, count, gain"),
         ("T_p", "0.0009", r"T_p = 0.0009: expected a number, 0.001 to 10 \(s\)"),
         ("T_p", "nan", "T_p = nan: expected a number"),
         ("T_p", "1e999", "T_p = inf: expected a number"),

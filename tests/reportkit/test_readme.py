@@ -89,7 +89,7 @@ def test_readme_shows_the_files_that_a_report_starts_with():
 def test_nothing_is_overwritten(tmp_path, capsys):
     (tmp_path / "index.md").write_text("mine")
     assert start.main([str(tmp_path)]) == 2
-    assert "index.md is there already" in capsys.readouterr().err
+    assert "index.md exists already" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["index.md"]
     assert start.main([]) == 2
 

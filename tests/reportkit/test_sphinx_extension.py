@@ -25,7 +25,7 @@ note = "no clock"
 PAGE = """# Growth
 
 The rate is {glue:text}`results/10_growth.ipynb::rate:.1f`,
-at first {glue:text}`results/10_growth.ipynb::first:.1f`.
+at first {glue:text}`results/10_growth.ipynb::first:.1e`.
 This takes {minutes}`long`, all {minutes}`*`.
 
 ```{figure} results/10_growth-curve.svg
@@ -70,7 +70,7 @@ def site(tmp_path_factory):
     mime = "application/papermill.record/text/plain"
     glued = [
         output({mime: value}, {"scrapbook": {"name": name, "mime_prefix": mime[:29]}})
-        for name, value in (("rate", "1.5"), ("first", "-2.5"))
+        for name, value in (("rate", "1.5"), ("first", "-2.5e-07"))
     ]
     shown = [output({"text/plain": "x"}, {"name": f"10_growth-{end}"}) for end in
              ("curve.svg", "ends.md")]  # fmt: skip
@@ -103,12 +103,12 @@ def test_values_figures_and_tables_link_to_their_cells(site, page):
     assert notebook.count("Quoted in") == 1
 
 
-def test_negative_values_have_a_minus_sign(page):
-    assert ">−2.5</span></a>" in page
+def test_values_have_minus_signs_and_powers(page):
+    assert ">−2.5 · 10⁻⁷</span></a>" in page
 
 
 def test_box_and_verdicts_end_the_chapter(page):
-    end = re.sub(r"<[^>]+>", "", page[page.index("Result.") :])
+    end = re.sub(r"<[^>]+>", "", page[page.index("Verdicts</strong>") :])
     assert "? cannot be tested: it is fast" in end
     assert ".venv/bin/toy rerun growth -p rate 2\n" in end
     assert "The rate is a parameter." in end
@@ -121,7 +121,7 @@ def test_reading_times_come_from_the_words(page):
 
 def test_sections_are_kept_for_the_search(site):
     script = (site / "_static" / "sections.js").read_text(encoding="utf-8")
-    assert '"book/growth": [["growth", "Growth", "The rate is 1.5, at first −2.5.' in script
+    assert '"book/growth": [["growth", "Growth", "The rate is 1.5, at first −2.5 · 10⁻⁷.' in script
     search = (site / "search.html").read_text(encoding="utf-8")
     assert "sections.js" in search
     assert "sections.js" not in (site / "index.html").read_text(encoding="utf-8")

@@ -42,6 +42,20 @@ def test_columns_are_aligned():
     assert table.splitlines() == ["name    x", "------  ---", "a       1.5", "longer"]
 
 
+@pytest.mark.parametrize(
+    ("told", "text_of"),
+    [
+        ("1e-07", "10⁻⁷"),
+        ("8.5e−05, 5e-06 to 0.0001", "8.5 · 10⁻⁵, 5 · 10⁻⁶ to 0.0001"),
+        ("-4.1e+99 and 1.e-04", "-4.1 · 10⁹⁹ and 10⁻⁴"),
+        ("3e5 1.2.3e-4 9f1e-2 e-1 1e-2x", "3e5 1.2.3e-4 9f1e-2 e-1 1e-2x"),
+    ],
+)
+def test_exponential_notation_is_set_as_powers(told, text_of):
+    assert text.powers(told) == text_of
+    assert text.markdown_table(["x"], [[told]]).splitlines()[-1] == f"| {text_of} |"
+
+
 def test_markdown_table_escapes_its_cells():
     table = text.markdown_table(["a|b", "c"], [["x\ny", 1], ["|z|", 2.5]], right=[1])
     assert table == "| a\\|b | c |\n| --- | ---: |\n| x y | 1 |\n| \\|z\\| | 2.5 |\n"

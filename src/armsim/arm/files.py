@@ -111,7 +111,7 @@ def _names(header: Sequence[str], where: str) -> list[str]:
         if name not in COLUMNS:
             raise FileError(f"{where}: no column {name!r} is known; {hint(name, COLUMNS)}")
         if name in names:
-            raise FileError(f"{where}: the column {name!r} stands there twice")
+            raise FileError(f"{where}: the column {name!r} appears twice")
         if unit.replace("²", "^2") != (allowed := COLUMNS[name]):
             heading = f"allowed is {allowed!r}, so the heading is '{name} [{allowed}]'"
             raise FileError(f"{where}: column {name!r} has the unit {unit!r}; {heading}")

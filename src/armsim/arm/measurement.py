@@ -191,7 +191,7 @@ def faults(columns: np.ndarray) -> Iterator[tuple[int | None, str]]:
         yield None, f"{t.size} samples; at least {MIN_SAMPLES} are needed"
     step = np.diff(t)
     for n in np.flatnonzero(step <= 0):
-        what = "stands there twice" if step[n] == 0 else f"comes after {t[n]}: it has to rise"
+        what = "appears twice" if step[n] == 0 else f"comes after {t[n]}: it has to rise"
         yield int(n) + 1, f"time = {t[n + 1]} {what}"
     interval = np.median(step)
     for n in np.flatnonzero(np.abs(step - interval) > _UNEVEN * interval):

@@ -1,4 +1,4 @@
-"""What a report adds to Sphinx; named in ``_config.yml`` under ``extra_extensions``."""
+"""The Sphinx extension of a report, named in ``_config.yml`` under ``extra_extensions``."""
 
 from typing import Any
 

@@ -44,7 +44,7 @@ class Again(SphinxDirective):
         given = f" {self.options['with']}" if "with" in self.options else ""
         lines = self._verdicts(project)
         if self.arguments:
-            lines += ["````{admonition} Do it again", ":class: tip again"]
+            lines += ["````{admonition} Reproduce it", ":class: tip again"]
             for name in self.arguments:
                 see = f"See {{doc}}`the notebook {name} <{folder}/{name}>`"
                 take = f"{{download}}`download it <{folder}/{name}.ipynb>`"
@@ -67,7 +67,7 @@ class Again(SphinxDirective):
         ]
         verdicts = Path(self.env.docname).with_name("verdicts").as_posix()
         all_of_them = " ({doc}`verdicts`)" if verdicts in self.env.found_docs else ""
-        heading = f"**Result.** What the paper says on the subject of this page{all_of_them}:"
+        heading = f"**Verdicts** on the paper's claims about this subject{all_of_them}:"
         return [heading, "", *found, ""] if found else []
 
 

@@ -1,17 +1,20 @@
-"""Minus signs, a list of references for screen readers, and scripts where they are needed."""
+"""Minus signs and powers, references for screen readers, and scripts where they are needed."""
 
+import re
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
 
+from reportkit.text import powers
 
-def set_minus_signs(app: Sphinx, doctree: nodes.document, page: str) -> None:
-    """Begin quoted negative numbers with a minus sign instead of a hyphen."""
+
+def set_numbers(app: Sphinx, doctree: nodes.document, page: str) -> None:
+    """Give quoted numbers a minus sign instead of a hyphen, and powers for exponents."""
     for quoted in doctree.findall(nodes.inline):
-        if "pasted-text" in quoted["classes"] and quoted.astext().startswith("-"):
-            quoted.children = [nodes.Text("−" + quoted.astext()[1:])]
+        if "pasted-text" in quoted["classes"]:
+            quoted.children = [nodes.Text(re.sub("^-", "−", powers(quoted.astext())))]
 
 
 def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
@@ -39,6 +42,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Connect to Sphinx."""
     visitors = visit_citation, HTMLTranslator.depart_citation
     app.add_node(nodes.citation, override=True, html=visitors)
-    app.connect("doctree-resolved", set_minus_signs)
+    app.connect("doctree-resolved", set_numbers)
     app.connect("html-page-context", add_assets)
     return {"version": "1", "parallel_read_safe": True}

@@ -1,4 +1,4 @@
-"""What search engines and other sites show of a page."""
+"""Descriptions of pages for search engines and other sites."""
 
 import textwrap
 from html import escape
