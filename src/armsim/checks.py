@@ -65,9 +65,9 @@ def checked_count(name: str, value: object, least: int = 1) -> int:
 
 
 def checked_type(name: str, value: object, kind: type, example: str = "") -> None:
-    """Raise a TypeError if a value is not of a type."""
+    """Raise a TypeError if a value is not of a type; in the example, {!r} stands for the value."""
     if not isinstance(value, kind):
-        such = f", such as {example}" if example else ""
+        such = f", such as {example.format(value)}" if example else ""
         raise TypeError(f"{name} = {value!r}: a {kind.__name__} is needed{such}")
 
 

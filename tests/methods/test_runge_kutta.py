@@ -318,6 +318,24 @@ def oscillator_list(t, y, rate):
     return [y[1], -rate * y[0]]
 
 
+class Mute(float):
+    """A number of which no text can be made."""
+
+    def __repr__(self):
+        raise AssertionError("a message is made that nobody reads")
+
+    __str__ = __format__ = __repr__
+
+
+@pytest.mark.parametrize("step_size", [0.1, None])
+def test_no_message_is_made_of_arguments_that_are_right(step_size):
+    """It would take longer than a short run: numpy takes 0.2 ms to print a matrix."""
+    run = integrate(
+        lambda t, y, rate: -rate * y, (0, 1), [1.0], tableaux.DP5, step_size, args=(Mute(1.0),)
+    )
+    assert run.y[0, -1] == pytest.approx(np.exp(-1), rel=1e-5)
+
+
 @pytest.mark.parametrize(
     "fun",
     [oscillator, oscillator_list, oscillator_tuple, oscillator_array, oscillator_vector,

@@ -132,7 +132,7 @@ def integrate(
     """
     checks.checked_type("tableau", tableau, Tableau, "tableaux.RK6")
     start, end, y0 = _checked_problem(t_span, y0)
-    checks.checked_type("args", args, tuple, f"({args!r},)")
+    checks.checked_type("args", args, tuple, "({!r},)")
     s = checked_shift(shift, y0, form)
     if step_size is None:
         tolerances = _checked_tolerances(tableau, y0, rtol, atol)
