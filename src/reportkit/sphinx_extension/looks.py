@@ -1,23 +1,17 @@
-"""Quoted numbers, a list of references for screen readers, and scripts where they are needed."""
+"""Minus signs, a list of references for screen readers, and scripts where they are needed."""
 
-import re
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
 
-_POWER = re.compile(r"e([+-]\d+)$")
-_HIGH = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-
-def set_numbers(app: Sphinx, doctree: nodes.document, page: str) -> None:
-    """Write quoted numbers with a minus sign and powers of ten: −2 for -2, 6·10⁻⁸ for 6e-08."""
+def set_minus_signs(app: Sphinx, doctree: nodes.document, page: str) -> None:
+    """Begin quoted negative numbers with a minus sign instead of a hyphen."""
     for quoted in doctree.findall(nodes.inline):
-        told = quoted.astext()
-        if "pasted-text" in quoted["classes"] and re.match(r"-|[\d.]+e", told):
-            told = _POWER.sub(lambda e: "·10" + str(int(e[1])).translate(_HIGH), told)
-            quoted.children = [nodes.Text(re.sub("^-", "−", told))]
+        if "pasted-text" in quoted["classes"] and quoted.astext().startswith("-"):
+            quoted.children = [nodes.Text("−" + quoted.astext()[1:])]
 
 
 def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
@@ -45,6 +39,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Connect to Sphinx."""
     visitors = visit_citation, HTMLTranslator.depart_citation
     app.add_node(nodes.citation, override=True, html=visitors)
-    app.connect("doctree-resolved", set_numbers)
+    app.connect("doctree-resolved", set_minus_signs)
     app.connect("html-page-context", add_assets)
     return {"version": "1", "parallel_read_safe": True}
