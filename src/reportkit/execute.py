@@ -7,15 +7,13 @@ import shutil
 import signal
 import sys
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
-from threading import Thread
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 from unittest.mock import patch
 
 import nbformat
@@ -27,6 +25,8 @@ from papermill.exceptions import PapermillExecutionError
 from traitlets import default
 from traitlets.config import Config
 
+from reportkit.program import run
+from reportkit.project import ProjectError
 from reportkit.record import RESULTS_VARIABLE
 
 try:
@@ -42,7 +42,11 @@ _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
 _BAR = re.compile(r"\x1b\[K([^\r\n]*?)(?:\x1b\[(?:K|0m))+ *|\r *")
 
 
-class NotebookError(RuntimeError):
+#: In the scratch folder: what the kernel's process has written to standard error.
+_LOG = "kernel.log"
+
+
+class NotebookError(ProjectError):
     """A notebook could not be executed; the message names it, its cell and the error."""
 
 
@@ -165,33 +169,14 @@ def _show_bars(text: str) -> None:
 class _Kernel(AsyncKernelManager):
     """A kernel of the Python that runs this, whatever kernels the user's folders name."""
 
-    _words: ClassVar[deque[str]] = deque(maxlen=1)
-    _listener: ClassVar[Thread]
-
     @default("kernel_spec_manager")
     def _own_kernel_only(self) -> KernelSpecManager:
         return KernelSpecManager(kernel_dirs=[])
 
     async def start_kernel(self, **options: Any) -> None:  # type: ignore[override]
-        """Start it and listen to what it writes before it can send messages."""
-        read, write = os.pipe()
-        _Kernel._listener = Thread(target=self._listen, args=[read], daemon=True)
-        self._listener.start()
-        try:
-            await super().start_kernel(stderr=write, **options)
-        finally:
-            os.close(write)
-
-    def _listen(self, read: int) -> None:
-        self._words.clear()
-        with open(read, errors="replace") as lines:
-            self._words.extend(filter(None, map(str.strip, lines)))
-
-    @classmethod
-    def last_words(cls) -> str:
-        """Return the last line that a kernel, which has died, has written."""
-        cls._listener.join(5)  # s; a child of the kernel may hold the pipe
-        return "".join(cls._words)
+        """Start it, and keep what it writes before it can send messages."""
+        with Path(self.connection_file).with_name(_LOG).open("w") as log:
+            await super().start_kernel(stderr=log, **options)
 
 
 def _run(
@@ -225,7 +210,8 @@ def _run(
     except DeadKernelError:
         raise NotebookError(f"{source} failed: its Python died (out of memory?)") from None
     except RuntimeError as error:  # before the first cell
-        why = _Kernel.last_words() or error
+        written = "".join(log.read_text(errors="replace") for log in folder.glob(_LOG))
+        why = written.strip().rpartition("\n")[2] or error
         raise NotebookError(f"{source} failed: its Python did not start: {why}") from None
     del done.cells[len(done.cells) - len(last) :]
     return done
@@ -263,33 +249,17 @@ def be_a_program() -> None:
         logging.getLogger(logger).disabled = True
 
 
-def main(arguments: list[str]) -> int:
-    """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; return the exit code."""
-    if len(arguments) != 2:
-        print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
-        return 2
-    source, results = map(Path, arguments)
+def main(source: Path, results: Path) -> None:
+    """Run ``python -m reportkit.execute SOURCE RESULTS``."""
     be_a_program()
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
-    try:
-        complaints = execute(source, results)
-    except NotebookError as error:
-        print(f"\n{error}\n", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"{source}: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"{source}: interrupted, nothing published", file=sys.stderr)
-        return 130
-    for complaint in complaints:
+    for complaint in execute(source, results):
         print(f"{source} warned: {complaint}", file=sys.stderr)
     seconds = f"{time.perf_counter() - start:.1f}"
     (results / f"{source.stem}-seconds.txt").write_text(f"{seconds}\n")
     print(f"{source}: done in {seconds} s", flush=True)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

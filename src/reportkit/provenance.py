@@ -16,6 +16,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from reportkit import text
+from reportkit.program import run
 from reportkit.project import Project
 from reportkit.timing import computer
 
@@ -156,12 +157,10 @@ def write(project: Project, results: Path) -> None:
     bundle(results, results / "appendix-results.zip")
 
 
-def main(arguments: list[str]) -> int:
-    """Run ``python -m reportkit.provenance RESULTS``; return the exit code."""
-    (results,) = map(Path, arguments)
+def main(results: Path) -> None:
+    """Run ``python -m reportkit.provenance RESULTS``; see `write`."""
     write(Project.find(), results)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

@@ -4,36 +4,25 @@ import shutil
 import sys
 from pathlib import Path
 
+from reportkit.program import run
+
 STARTER = Path(__file__).parent / "starter"
 
 
-def start(folder: Path) -> None:
-    """Copy the report into a folder, which is made if missing.
+def main(folder: Path) -> None:
+    """Run ``python -m reportkit.start FOLDER``: copy the report into a folder, made if missing.
 
     Raises
     ------
     FileExistsError
         If a file that would be written is there already; then nothing is written.
     """
-    names = [path.relative_to(STARTER) for path in STARTER.rglob("*") if path.is_file()]
-    for name in names:
-        if (folder / name).exists():
-            raise FileExistsError(f"{folder / name} is there already: a report starts from nothing")
+    for path in STARTER.rglob("*"):
+        copy = folder / path.relative_to(STARTER)
+        if path.is_file() and copy.exists():
+            raise FileExistsError(f"{copy} is there already: a report starts from nothing")
     shutil.copytree(STARTER, folder, dirs_exist_ok=True)
 
 
-def main(arguments: list[str]) -> int:
-    """Run ``python -m reportkit.start FOLDER``; return the exit code."""
-    if len(arguments) != 1:
-        print("usage: python -m reportkit.start FOLDER", file=sys.stderr)
-        return 2
-    try:
-        start(Path(arguments[0]))
-    except OSError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

@@ -19,6 +19,7 @@ import pytest
 import reportkit
 from reportkit import start
 from reportkit.pdf import BROWSERS
+from reportkit.program import run
 
 TEXT = (Path(reportkit.__file__).parent / "README.md").read_text(encoding="utf-8")
 BLOCK = re.compile(
@@ -88,10 +89,9 @@ def test_readme_shows_the_files_that_a_report_starts_with():
 
 def test_nothing_is_overwritten(tmp_path, capsys):
     (tmp_path / "index.md").write_text("mine")
-    assert start.main([str(tmp_path)]) == 2
+    assert run(start.main, [str(tmp_path)]) == 1
     assert "index.md is there already" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["index.md"]
-    assert start.main([]) == 2
 
 
 def test_report_runs_in_its_own_environment(report):
