@@ -6,7 +6,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from jinja2 import Environment, PackageLoader, select_autoescape
+
 Row: TypeAlias = Sequence[Any]  #: cells of a table
+
+
+def render(template: str, **values: Any) -> str:
+    """Fill one of the files in ``templates``."""
+    return _TEMPLATES.get_template(template).render(values)
 
 
 def studies(folder: Path, ending: str) -> list[Path]:
@@ -69,3 +76,10 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
 
 def _cell(value: Any) -> str:
     return str(value).replace("|", r"\|").replace("\n", " ")
+
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("reportkit"), autoescape=select_autoescape(), trim_blocks=True,
+    lstrip_blocks=True, keep_trailing_newline=True,
+)  # fmt: skip
+_TEMPLATES.filters["cell"] = _cell
