@@ -25,9 +25,10 @@ from papermill.exceptions import PapermillExecutionError
 from traitlets import default
 from traitlets.config import Config
 
-from reportkit.program import run
+from reportkit.program import FAILED, run
 from reportkit.project import ProjectError
 from reportkit.record import RESULTS_VARIABLE
+from reportkit.text import plain
 
 try:
     import fcntl
@@ -36,7 +37,6 @@ except ImportError:  # the command line tells an OSError in one line
 
 #: Settings of the user that could change a result, or keep a kernel from starting.
 _HARMFUL = re.compile("PYTHON(?!PATH$|HOME$)|NUMBA_(?!CACHE_DIR$)|MPLBACKEND$|JUPYTER_")
-_ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
 # A progress bar, in the format of `_bars`, and the blanks that take its place when it is done.
 _BAR = re.compile(r"\x1b\[K([^\r\n]*?)(?:\x1b\[(?:K|0m))+ *|\r *")
@@ -48,6 +48,8 @@ _LOG = "kernel.log"
 
 class NotebookError(ProjectError):
     """A notebook could not be executed; the message names it, its cell and the error."""
+
+    code = FAILED  #: exit code of the command line
 
 
 def execute(source: Path, results: Path, parameters: Mapping[str, Any] | None = None) -> list[str]:
@@ -218,11 +220,11 @@ def _run(
 
 
 def _explain(source: Path, error: PapermillExecutionError) -> str:
-    frames = _FRAME.findall(_ANSI.sub("", "\n".join(error.traceback)))
+    frames = _FRAME.findall(plain("\n".join(error.traceback)))
     places = "".join(f"\n  in {function}, {file}" for file, function in frames)
     code = "".join(f"\n    {line}" for line in error.source.splitlines())
     told = f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
-    return f"{told}  {error.ename}: {_ANSI.sub('', error.evalue)}"
+    return f"{told}  {error.ename}: {plain(error.evalue)}"
 
 
 def _tidy(notebook: nbformat.NotebookNode) -> list[str]:

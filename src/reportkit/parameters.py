@@ -36,6 +36,7 @@ from pathlib import Path
 from tokenize import COMMENT, generate_tokens
 from typing import Any
 
+from reportkit.project import ProjectError
 from reportkit.text import studies
 
 _SYMBOLS = set("1 % s ms µs V A m mm µm km kg N J W mW Hz rad Ω H".split())
@@ -49,7 +50,7 @@ _BOOLS = {"true": True, "yes": True, "false": False, "no": False}
 _KINDS = {float: "a number", int: "an integer", bool: "true or false", str: "a text"}
 
 
-class ParameterError(ValueError):
+class ParameterError(ProjectError):
     """A notebook or parameter is missing or invalid; the message is one line."""
 
 
@@ -191,6 +192,11 @@ class Notebook:
         """The file name without its ending."""
         return self.path.stem
 
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """The published values."""
+        return {name: item.default for name, item in self.parameters.items()}
+
     def values(self, texts: Iterable[tuple[str, str]], table: Mapping[str, Any]) -> dict[str, Any]:
         """Check parameters given as texts and as a table; the texts take precedence.
 
@@ -206,7 +212,7 @@ class Notebook:
                 raise ParameterError(f"{name}: given twice")
             values[name] = self._parameter(name).parse(text)
         values = {name: self._parameter(name).check(v) for name, v in table.items()} | values
-        whole = {name: item.default for name, item in self.parameters.items()} | values
+        whole = self.defaults | values
         for condition in self.conditions:
             try:
                 one, relation, other = condition.split()
@@ -278,7 +284,7 @@ def sources(folder: Path) -> list[Path]:
     """
     if not (paths := studies(folder, ".ipynb")):
         raise ParameterError(f"no notebooks in {folder}: they come with the repository, not with "
-                             "the installed package; --notebooks says where they are")  # fmt: skip
+                             "the installed package")  # fmt: skip
     return paths
 
 

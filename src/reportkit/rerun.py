@@ -59,7 +59,7 @@ def rerun(
     NotebookError
         If the notebook fails; then nothing is left.
     """
-    name, started = notebook.name, datetime.now()
+    name, started, used = notebook.name, datetime.now(), notebook.defaults | dict(parameters)
     closing = CLOSING.format(root=str(project.root))
     with executed(notebook.path, parent, parameters, closing) as (new, complaints):
         files = new / f"{name}.json", project.expected / f"{name}.json"
@@ -68,13 +68,19 @@ def rerun(
         values = ([key, record["value"], record["unit"]] for key, record in got.items())
         _write_csv(new / "values.csv", ["name", "value", "unit"], values)
         _write_csv(new / "comparison.csv", COLUMNS, map(_row, comparisons))
-        used = {key: item.default for key, item in notebook.parameters.items()} | dict(parameters)
         lines = (f"{key} = {json.dumps(v, ensure_ascii=False)}\n" for key, v in used.items())
         (new / "parameters.toml").write_text("".join(lines), encoding="utf-8")
-        outputs = nbformat.read(new / f"{name}.ipynb", as_version=4)
-        made = read_toml(new / "provenance.toml")
-        text = page.render(notebook, outputs, parameters, comparisons, started, project, made)
-        (new / f"{name}.html").write_text(text, encoding="utf-8")
+        html = page.render(
+            project,
+            notebook=notebook,
+            used=used,
+            cells=nbformat.read(new / f"{name}.ipynb", as_version=4).cells,
+            comparisons=comparisons,
+            headings=check.CHANGE,
+            started=started,
+            made=read_toml(new / "provenance.toml"),
+        )
+        (new / f"{name}.html").write_text(html, encoding="utf-8")
         folder = _publish(new, parent, f"{name}-{started:%Y%m%d-%H%M%S}")
     return folder, comparisons, complaints
 
@@ -83,7 +89,7 @@ COLUMNS = ["name", "published", "got", "difference", "relative difference", "uni
 
 
 def _row(pair: check.Comparison) -> list[Any]:
-    old, new = pair.expected or {}, pair.got or {}
+    old, new = pair.expected, pair.got
     values = old.get("value"), new.get("value"), pair.difference, pair.relative
     return [pair.name, *values, (new or old)["unit"], "yes" if pair.moved else "no"]
 

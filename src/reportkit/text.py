@@ -1,6 +1,7 @@
 """Files and texts as a report writes them: whole files, numbers and tables."""
 
 import json
+import re
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -36,6 +37,11 @@ def write(path: Path, text: str) -> None:
         part = Path(folder, path.name)
         part.write_text(text, encoding="utf-8", newline="\n")
         part.replace(path)
+
+
+def plain(text: str) -> str:
+    """Return a text of a terminal without its colours."""
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)
 
 
 def to_json(records: Any) -> str:
