@@ -11,15 +11,13 @@ from typing import Any
 
 from docutils import nodes
 from docutils.parsers.rst import directives
-from docutils.statemachine import StringList
 from myst_nb.ext.glue.utils import PendingGlueReference
 from sphinx import addnodes
-from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 
-from reportkit import claims
+from reportkit import claims, text
 from reportkit.project import Project
 
 #: Words of technical prose that are read in a minute.
@@ -39,36 +37,22 @@ class Again(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the list of verdicts, if the page decides a claim, and the box."""
-        project = Project.find(Path(self.env.app.srcdir))
-        folder = "/" + project.results.relative_to(project.root).as_posix()
-        given = f" {self.options['with']}" if "with" in self.options else ""
-        lines = self._verdicts(project)
-        if self.arguments:
-            lines += ["````{admonition} Do it again", ":class: tip again"]
-            for name in self.arguments:
-                see = f"See {{doc}}`the notebook {name} <{folder}/{name}>`"
-                take = f"{{download}}`download it <{folder}/{name}.ipynb>`"
-                command = f".venv/bin/{project.name} rerun {name[3:]}{given}"
-                lines += [f"{see} · {take} · rerun it:", "", "```sh", command, "```", ""]
-            lines += [*self.content, "````"]
-        parent = nodes.container()
-        self.state.nested_parse(StringList(lines, source="again"), self.content_offset, parent)
-        return parent.children
-
-    def _verdicts(self, project: Project) -> list[str]:
-        """List the claims that the page decides, in Markdown."""
+        project, here = Project.find(Path(self.env.app.srcdir)), Path(self.env.docname)
         with (project.results / "verdicts.csv").open(encoding="utf-8") as file:
-            verdict = {row["claim"]: row["verdict"] for row in csv.DictReader(file)}
-        page = Path(self.env.docname).name
-        found = [
-            f"- **{claims.VERDICTS[verdict[claim.name]]} {verdict[claim.name]}**: {claim.text}"
-            for claim in claims.load(project.claims)
-            if claim.page == page
-        ]
-        verdicts = Path(self.env.docname).with_name("verdicts").as_posix()
-        all_of_them = " ({doc}`verdicts`)" if verdicts in self.env.found_docs else ""
-        heading = f"**Result.** What the paper says on the subject of this page{all_of_them}:"
-        return [heading, "", *found, ""] if found else []
+            verdicts = {row["claim"]: row["verdict"] for row in csv.DictReader(file)}
+        told = text.render(
+            "again.md",
+            project=project,
+            claims=[claim for claim in claims.load(project.claims) if claim.page == here.name],
+            verdicts=verdicts,
+            symbols=claims.VERDICTS,
+            listed=here.with_name("verdicts").as_posix() in self.env.found_docs,
+            names=self.arguments,
+            folder="/" + project.results.relative_to(project.root).as_posix(),
+            given=f" {self.options['with']}" if "with" in self.options else "",
+            content="\n".join(self.content),
+        )
+        return self.parse_text_to_nodes(told)
 
 
 class _Minutes(nodes.Inline, nodes.TextElement):
@@ -110,11 +94,3 @@ def _words(env: BuildEnvironment, page: str) -> int:
             quoted = sum(1 for _ in paragraph.findall(PendingGlueReference))
             words += quoted + len(paragraph.astext().split())
     return words
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx."""
-    app.add_directive("again", Again)
-    app.add_role("minutes", MinutesRole())
-    app.add_post_transform(CountWords)
-    return {"version": "1", "parallel_read_safe": True}

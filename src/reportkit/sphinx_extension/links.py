@@ -121,10 +121,3 @@ def name_cells(app: Sphinx, doctree: nodes.document) -> None:
         for node in doctree.findall(nodes.container):
             if node.get("nb_element") == "cell_code":
                 node["ids"].append(_anchor(notebook, _cells(notebook)[node["cell_index"]]))
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx."""
-    app.add_post_transform(LinkSources)
-    app.connect("doctree-read", name_cells)
-    return {"version": "1", "parallel_read_safe": True}
