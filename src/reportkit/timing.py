@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,8 +24,8 @@ Clock = Callable[[], float]
 RESOLUTIONS = 100
 #: Packages whose versions matter for a time.
 PACKAGES = ("numpy", "numba", "scipy", "scikit-sundae")
-#: Clocks of processor time; the first one counts helper threads as well.
-CLOCKS: dict[str, Clock] = {"process_time": time.process_time, "thread_time": time.thread_time}
+#: Columns of `Timing.frame`.
+COLUMNS = ["repetition", "place", "function", "calls", "seconds"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +76,7 @@ def measure(
     repetitions: int = 7,
     *,
     shortest: float = 1e-3,
-    clocks: Mapping[str, Clock] = CLOCKS,
+    clock: Clock = time.process_time,
     warm_up: bool = True,
     enough: Callable[[Timing], bool] = lambda _: False,
 ) -> Timing:
@@ -96,8 +95,8 @@ def measure(
         Measurements of each function.
     shortest : float
         s, least duration of a measurement.
-    clocks : mapping of name to clock
-        The first is taken unless another is more than twice as fine; then the finest.
+    clock : callable, optional
+        By default that of the process, which counts helper threads as well.
     warm_up : bool
         False if the functions have been called already.
     enough : callable, optional
@@ -115,14 +114,15 @@ def measure(
     if not functions or repetitions < 1:
         given = f"{len(functions)} functions and {repetitions} repetitions"
         raise ValueError(f"{given}; at least 1 is needed")
-    resolutions = {name: resolution(clock) for name, clock in clocks.items()}
-    first = next(iter(clocks))
-    chosen = min(clocks, key=lambda name: resolutions[name] * (1 if name == first else 2))
-    clock, least = clocks[chosen], max(shortest, RESOLUTIONS * resolutions[chosen])
+    tick, rows = resolution(clock), list[list[object]]()
+    least = max(shortest, RESOLUTIONS * tick)
+
+    def measured() -> Timing:
+        return Timing(pd.DataFrame(rows, columns=COLUMNS), clock.__name__, tick)
+
     random, counts = np.random.default_rng(0), dict.fromkeys(functions, 1)
     for function in functions.values() if warm_up else ():
         function()
-    rows = []
     gc.freeze()  # existing objects are not searched in every collection
     try:
         for n in tqdm(range(repetitions), unit="rounds"):
@@ -132,16 +132,11 @@ def measure(
                 while (total := timer.timeit(counts[name])) < least:
                     counts[name] *= 2
                 rows.append([n, place, name, counts[name], total / counts[name]])
-            if n % 10 == 9 and enough(_timing(rows, chosen, resolutions)):
+            if n % 10 == 9 and enough(measured()):
                 break
     finally:
         gc.unfreeze()
-    return _timing(rows, chosen, resolutions)
-
-
-def _timing(rows: list[list[Any]], clock: str, resolutions: Mapping[str, float]) -> Timing:
-    columns = ["repetition", "place", "function", "calls", "seconds"]
-    return Timing(pd.DataFrame(rows, columns=columns), clock, resolutions[clock])
+    return measured()
 
 
 def resolution(clock: Clock, samples: int = 100) -> float:
@@ -179,6 +174,13 @@ def computer() -> str:
     return f"{processor()}, {os.cpu_count()} processors, {platform.system()} {platform.machine()}"
 
 
+def installed(name: str) -> str:
+    """Return the version of a package, or an empty text if it is not installed."""
+    with suppress(metadata.PackageNotFoundError):
+        return metadata.version(name)
+    return ""
+
+
 def machine(packages: Sequence[str] = PACKAGES) -> pd.DataFrame:
     """Return computer, software and load as a table of one row.
 
@@ -187,10 +189,7 @@ def machine(packages: Sequence[str] = PACKAGES) -> pd.DataFrame:
     packages : sequence of str
         Packages whose versions matter; those that are not installed are left out.
     """
-    versions = []
-    for name in packages:
-        with suppress(metadata.PackageNotFoundError):
-            versions.append(f"{name} {metadata.version(name)}")
-    software = ", ".join([f"Python {platform.python_version()}", *versions])
+    versions = {"Python": platform.python_version()} | {name: installed(name) for name in packages}
+    software = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
     load = f"{os.getloadavg()[0]:.1f}"
     return pd.DataFrame([{"machine": computer(), "software": software, "load": load}])
