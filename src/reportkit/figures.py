@@ -186,11 +186,11 @@ def tornado(
     names
         What the two factors belong to, for the legend.
     """
-    bar: Any = {"lw": 7, "ls": "-", "solid_capstyle": "butt"}
+    bar: Any = {"lw": 7, "ls": "-"}
     rows = [row for heading, bars in groups.items() for row in ((heading, ()), *bars.items())]
     for n, (_, factors) in enumerate(rows):
         for factor, colour in zip(factors, PALETTE, strict=False):
-            ax.plot([1, factor], [n, n], color=colour, **bar)
+            ax.plot([1, factor], [n, n], color=colour, solid_capstyle="butt", **bar)
     for name, colour in zip(names, PALETTE, strict=False):
         ax.plot([], [], color=colour, label=name, **bar)
     ax.axvline(1, color=INK, lw=1)
