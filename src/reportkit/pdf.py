@@ -12,14 +12,9 @@ from pypdf.generic import NameObject, TextStringObject
 
 from reportkit.program import run
 
-BROWSERS = (
-    "chromium",
-    "chromium-browser",
-    "google-chrome",
-    "google-chrome-stable",
-    "/Applications/Chromium.app/Contents/MacOS/Chromium",
-    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
-)
+#: Where a browser may be; the last two are for macOS.
+BROWSERS = "chromium chromium-browser google-chrome google-chrome-stable".split()
+BROWSERS += [f"/Applications/{a}.app/Contents/MacOS/{a}" for a in ("Chromium", "Google Chrome")]
 MARGIN = PdfMargins(top="17mm", bottom="17mm", left="18mm", right="18mm")
 #: Script that lists the printed headings.
 HEADINGS = Path(__file__).parent / "templates" / "headings.js"
