@@ -70,13 +70,19 @@ class Comparison:
         return [self.name, *values, " → ".join(rules), where]
 
     @property
+    def numbers(self) -> list[Any]:
+        """Name, both values, difference, relative difference and unit."""
+        values = self.expected.get("value"), self.got.get("value"), self.difference, self.relative
+        return [self.name, *values, (self.got or self.expected)["unit"]]
+
+    @property
     def change(self) -> list[str]:
-        """Name, both values, difference, relative difference and unit, as texts."""
+        """The same as texts."""
+        *_, difference, share, unit = self.numbers
         values = (_shown(side, digits=6) for side in (self.expected, self.got))
-        difference = "" if self.difference is None else f"{self.difference:+.3g}"
-        share = "" if self.relative is None else f"{100 * self.relative:+.3g} %"
-        unit = (self.got or self.expected)["unit"] or ""
-        return [self.name, *values, difference, share, "" if unit == "1" else unit]
+        changes = ("" if difference is None else f"{difference:+.3g}",
+                   "" if share is None else f"{100 * share:+.3g} %")  # fmt: skip
+        return [self.name, *values, *changes, "" if unit in (None, "1") else unit]
 
 
 def compare(study: str, expected: Records, got: Records) -> list[Comparison]:

@@ -1,8 +1,8 @@
-"""One HTML page of an executed notebook that needs no other file and no network."""
+"""Markdown of a notebook as HTML for a page that needs no other file and no network."""
 
-import base64
 import re
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from markdown_it import MarkdownIt
@@ -10,33 +10,17 @@ from markupsafe import Markup, escape
 from mdit_py_plugins.amsmath import amsmath_plugin
 from mdit_py_plugins.dollarmath import dollarmath_plugin
 
-from reportkit import text
-from reportkit.figures import dark
-from reportkit.project import Project
-
 _ROLE = re.compile(r"\{[a-z:]+\}`(?:\.\./)?([^`<]*?)(?:\s*<[^`]*>)?`")
 
 
-def render(project: Project, **values: Any) -> str:
-    """Fill ``templates/rerun.html``, whose first lines list the values that it takes."""
-    markdown = _markdown()
-    mathjax = project.mathjax.read_text(encoding="utf-8") if project.mathjax.exists() else ""
-    return text.render(
-        "rerun.html",
-        project=project,
-        mathjax=Markup(mathjax.replace("</script", "<\\/script")),
-        # a reference to another page becomes its text
-        markdown=lambda source: Markup(markdown.render(_ROLE.sub(r"*\1*", source))),
-        base64=lambda drawing: base64.b64encode(drawing.encode()).decode(),
-        dark=dark,
-        plain=text.plain,
-        number=text.number,
-        **values,
-    )
+def html(source: str) -> Markup:
+    """Return Markdown as HTML; a reference to another page becomes its text."""
+    return Markup(_renderer().render(_ROLE.sub(r"*\1*", source)))
 
 
-def _markdown() -> MarkdownIt:
-    """Return a Markdown renderer that leaves formulas to MathJax and lets wide tables scroll."""
+@cache
+def _renderer() -> MarkdownIt:
+    """Return a renderer that leaves formulas to MathJax and lets wide tables scroll."""
 
     def formula(text: str, options: Mapping[str, Any] | None = None) -> str:
         inline = options is not None and not options.get("display_mode")

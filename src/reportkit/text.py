@@ -1,5 +1,6 @@
 """Files and texts as a report writes them: whole files, numbers and tables."""
 
+import base64
 import json
 import re
 import tempfile
@@ -84,8 +85,12 @@ def _cell(value: Any) -> str:
     return str(value).replace("|", r"\|").replace("\n", " ")
 
 
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()
+
+
 _TEMPLATES = Environment(
     loader=PackageLoader("reportkit"), autoescape=select_autoescape(), trim_blocks=True,
     lstrip_blocks=True, keep_trailing_newline=True,
 )  # fmt: skip
-_TEMPLATES.filters["cell"] = _cell
+_TEMPLATES.filters |= {"base64": _base64, "cell": _cell, "number": number, "plain": plain}
