@@ -64,11 +64,10 @@ class Timing:
         They are the order statistics between which the median lies with that probability; NaN if
         there are fewer than six repetitions.
         """
-        from scipy.stats import binom  # slow to import
+        from scipy.stats import quantile_test  # slow to import
 
-        ratios = np.sort(self.of(name) / self.of(to))
-        k = int(binom.ppf(0.025, ratios.size, 0.5))
-        return [float(ratios[k - 1]), float(ratios[-k])] if k else [np.nan, np.nan]
+        limits = quantile_test(self.of(name) / self.of(to), p=0.5).confidence_interval(0.95)
+        return [float(limit) for limit in limits]
 
 
 def measure(
