@@ -1,7 +1,7 @@
 """The parameters of a notebook, read from its source without executing it.
 
-In the cell tagged ``parameters`` each variable has a comment, at the end of its line or on the
-lines above::
+In the cell tagged ``parameters`` each variable has a comment, on the lines above or at the end of
+its line::
 
     T_p = 0.04  # s, time constant of the preamplifier; 0.001 to 10
     # s, step sizes; 2 or more values, each 1e-7 to 1e-3
@@ -31,7 +31,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise, takewhile
+from itertools import pairwise
 from pathlib import Path
 from tokenize import COMMENT, generate_tokens
 from typing import Any
@@ -81,12 +81,12 @@ class Parameter:
     @property
     def kind(self) -> type:
         """The type of the value, or of each value of a list."""
-        several = isinstance(self.default, list)
-        kinds = set(map(type, self.default)) if several else {type(self.default)}
-        kind = float if kinds == {int, float} else kinds.pop() if len(kinds) == 1 else None
-        if kind is None or kind not in ((int, float) if several else _KINDS):
-            raise ParameterError(f"{self.name} = {self.default!r}: of no type that can be checked")
-        return kind
+        kinds = {type(one) for one in self.default} if isinstance(self.default, list) else set()
+        if isinstance(self.default, bool | str | int | float):
+            return type(self.default)
+        if kinds and kinds <= {int, float}:
+            return float if float in kinds else int
+        raise ParameterError(f"{self.name} = {self.default!r}: of no type that can be checked")
 
     @property
     def wanted(self) -> str:
@@ -291,16 +291,14 @@ def sources(folder: Path) -> list[Path]:
 def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
     # an import is that of the choices
     nodes = [node for node in ast.parse(source).body if not isinstance(node, ast.ImportFrom)]
-    lines = source.split("\n")
     tokens = generate_tokens(io.StringIO(source).readline)
     comments = {t.start[0]: t.string.lstrip("#").strip() for t in tokens if t.type == COMMENT}
+    last = 0
     for node in nodes:
         if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
             raise ParameterError(f"cell of parameters: {ast.unparse(node)} is no NAME = VALUE")
-        if not (comment := comments.get(node.end_lineno or 0)):  # it stands above
-            before = reversed(lines[: node.lineno - 1])
-            above = takewhile(lambda line: line.startswith("#"), before)
-            comment = " ".join(line.lstrip("#").strip() for line in reversed([*above]))
+        begin, last = last, node.end_lineno or 0
+        comment = " ".join(text for line, text in comments.items() if begin < line <= last)
         default = _default(node.value, choices)
         text, _, allowed = (part.strip() for part in comment.partition(";"))
         unit = None
