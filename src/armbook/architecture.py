@@ -17,6 +17,7 @@ from matplotlib.patches import FancyBboxPatch
 from armbook.styles import COLOUR
 from armsim.arm import AxisParameters
 from reportkit import figures, provenance, text
+from reportkit.program import run
 from reportkit.project import Project
 
 Graph = Mapping[str, set[str]]  #: modules, each with those that it imports
@@ -151,16 +152,14 @@ def symbols_table() -> str:
     return text.markdown_table(["symbol", "name", "unit", "meaning", "source"], rows)
 
 
-def main(arguments: list[str]) -> int:
+def main(results: Path) -> None:
     """Run ``python -m armbook.architecture RESULTS``: write the appendix beside the results."""
-    (results,) = map(Path, arguments)
     graph = imports()
     provenance.write(Project.find(Path(__file__)), results)
     text.write(results / "appendix-modules.md", modules_table(graph))
     text.write(results / "appendix-symbols.md", symbols_table())
     figures.save(architecture(graph), results / "appendix-architecture.svg", legible=6)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

@@ -106,24 +106,24 @@ def reasons(failures: pd.DataFrame, problems: Sequence[str]) -> list[list[str]]:
     problems
         Names of all problems; a row that has them all says "all".
     """
-    short = [
-        next((SHORT[key] for key in SHORT if key in told), told) for told in failures["reason"]
-    ]
-    of_method = failures.assign(reason=short).groupby(["reason", "method"], sort=False)
-    alike = of_method.agg(
-        problem=("problem", lambda names: "; ".join(dict.fromkeys(names))),
-        least=("setting", "min"),
-        most=("setting", "max"),
-    )
-    rows = []
-    for key, part in alike.reset_index().groupby(
-        ["reason", "problem", "least", "most"], sort=False
-    ):
-        reason, problem, least, most = key
-        settings = " to ".join(map(np.format_float_scientific, sorted({least, most})))
-        where = "all" if problem == "; ".join(problems) else problem
-        rows.append(["; ".join(part["method"]), where, settings, reason])
-    return rows
+
+    def short(told: str) -> str:
+        return next((SHORT[part] for part in SHORT if part in told), told)
+
+    def where(names: pd.Series) -> str:
+        found = list(dict.fromkeys(names))
+        return "all" if found == list(problems) else "; ".join(found)
+
+    def span(settings: pd.Series) -> str:
+        return " to ".join(
+            map(np.format_float_scientific, sorted({settings.min(), settings.max()}))
+        )
+
+    told = failures.assign(reason=failures["reason"].map(short))
+    of_methods = told.groupby(["reason", "method"], sort=False)
+    alike = of_methods.agg(where=("problem", where), settings=("setting", span)).reset_index()
+    rows = alike.groupby(["reason", "where", "settings"], sort=False)["method"].agg("; ".join)
+    return rows.reset_index()[["method", "where", "settings", "reason"]].to_numpy().tolist()
 
 
 def cheapest(runs: pd.DataFrame, target: float, by: str) -> pd.DataFrame:
@@ -231,8 +231,6 @@ def spread(ratios: np.ndarray) -> dict[str, float]:
         Their ``median``, ``least`` and ``most``, and ``ahead``, the per cent of them below 1; NaN
         if nothing is left.
     """
-    known = ratios[~np.isnan(ratios)]
-    numbers = [np.nan] * 4
-    if known.size:
-        numbers = [*np.quantile(known, [0.5, 0.0, 1.0]).tolist(), float(100 * (known < 1).mean())]
-    return dict(zip(("median", "least", "most", "ahead"), numbers, strict=True))
+    known = pd.Series(ratios).dropna()
+    numbers = known.median(), known.min(), known.max(), 100 * (known < 1).mean()
+    return dict(zip(("median", "least", "most", "ahead"), map(float, numbers), strict=True))

@@ -3,39 +3,25 @@
 import base64
 import json
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
 
 from armbook.events import story
 from armsim.arm import AxisParameters, Trajectory, simulate
-from armsim.arm.dynamics import Region, auxiliary_variables
+from armsim.arm.dynamics import auxiliary_variables
 from armsim.arm.linear import arm_mode
 from armsim.arm.response import SETTLED, overshoot, settling_time
 from armsim.machine_code import kept
+from armsim.paths import read_toml
 
-#: Values that the sliders take: s, V/V, V. The published case is among them.
-GRID: dict[str, tuple[float, ...]] = {
-    "T_p": (0.021, 0.025, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.25, 0.5, 1.0, 4.74),
-    "K_2": (100.0, 250.0, 400.0, 550.0, 700.0, 870.0),
-    "set_velocity": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0),
-}
-PUBLISHED = {"T_p": 0.04, "K_2": 870.0, "set_velocity": 10.0}
-T_END = 4.0  # s
-#: Curves of a case, and the largest distance of each, as it is kept, from the solution at the
-#: samples, as a share of its range. The first three are plotted, the others only animated.
-CURVES = {
-    "velocity": 0.004,
-    "current": 0.004,
-    "gear_force": 0.004,
-    "difference": 0.01,
-    "preamplifier": 0.02,
-    "motor_voltage": 0.02,
-}
-#: Samples of a run: every 62.5 µs in 4 s, ten in a period of the fastest ringing; 16 bits count
-#: them.
-SAMPLES = 64_001
+_SETTINGS = read_toml("explorer.toml")
+GRID: dict[str, list[float]] = _SETTINGS["grid"]  #: values that the sliders take
+PUBLISHED: dict[str, float] = _SETTINGS["published"]  #: one of them each
+#: The curves of a case, each with the share of its range by which it may differ from the solution.
+CURVES: dict[str, float] = _SETTINGS["curves"]
+T_END, SAMPLES = _SETTINGS["t_end"], _SETTINGS["samples"]
 
 
 def sampled(run: Trajectory, t: np.ndarray) -> np.ndarray:
@@ -46,8 +32,10 @@ def sampled(run: Trajectory, t: np.ndarray) -> np.ndarray:
     return np.array([y[1], y[6], more["f_g"], difference, more["v_c"], more["v_m"]])
 
 
-def quality(run: Trajectory, t: np.ndarray, curves: np.ndarray, goal: float) -> dict[str, float]:
-    """Numbers that the page shows of a run; NaN for what does not apply.
+def quality(
+    run: Trajectory, t: np.ndarray, curves: np.ndarray, goal: float
+) -> dict[str, float | None]:
+    """Numbers that the page shows of a run, with four digits; None for what does not apply.
 
     Parameters
     ----------
@@ -68,7 +56,7 @@ def quality(run: Trajectory, t: np.ndarray, curves: np.ndarray, goal: float) -> 
         "largest_current": np.abs(curves[1]).max(),
         "largest_force": np.abs(curves[2]).max(),
     }
-    return {name: float(value) for name, value in numbers.items()}
+    return {name: float(f"{v:.4g}") if np.isfinite(v) else None for name, v in numbers.items()}
 
 
 @kept()
@@ -128,30 +116,27 @@ def table(
     kinds = len(CURVES)
     scale = [max(np.abs(y).max() for y in values[k::kinds]) / 32767 for k in range(kinds)]
     whole = [np.rint(y / scale[n % kinds]).astype(int) for n, y in enumerate(values)]
-    told = [(story(e.before, e.after), e.after) for some in events for e in some]
-    words = sorted({text for text, _ in told})
-    codes = [words.index(text) * 27 + _branches(after) for text, after in told]
+    each = [*chain(*events)]
+    told = [story(event.before, event.after) for event in each]
+    words = sorted({*told})
+    branches = (np.dot([9, 3, 1], event.after[:3]) + 13 for event in each)
+    codes = [27 * words.index(text) + n for text, n in zip(told, branches, strict=True)]
     p = run.parameters
     return {
-        "grid": {name: list(values) for name, values in grid.items()},
-        "published": {name: list(grid[name]).index(value) for name, value in PUBLISHED.items()},
+        "grid": grid,
+        "published": {name: grid[name].index(value) for name, value in PUBLISHED.items()},
         "tick": t[1],
         "t_end": t_end,
         "play": 1e6 * p.H,
         "limits": {"preamplifier": p.V_L, "motor_voltage": p.V_M, "current": p.K_i * p.V_L},
         "curves": list(CURVES),
         "scale": scale,
-        "numbers": [
-            {name: float(f"{v:.4g}") if np.isfinite(v) else None for name, v in some.items()}
-            for some in numbers
-        ],
+        "numbers": numbers,
         "counts": _packed([places.size for places in points]),
-        "points": _packed(
-            np.concatenate([n for pair in zip(points, whole, strict=True) for n in pair])
-        ),
+        "points": _packed(np.concatenate([*chain(*zip(points, whole, strict=True))])),
         "words": words,
         "event_counts": _packed([len(some) for some in events]),
-        "event_times": _packed([e.time for some in events for e in some], "<f8"),
+        "event_times": _packed([event.time for event in each], "<f8"),
         "event_codes": _packed(codes),
     }
 
@@ -160,10 +145,6 @@ def script(table: dict[str, Any], name: str) -> str:
     """Return a table as the element of a page where a script finds it without a server."""
     data = json.dumps(table, separators=(",", ":"))
     return f'<script type="application/json" id="{name}">{data}</script>\n'
-
-
-def _branches(where: Region) -> int:
-    return 9 * (where.preamplifier + 1) + 3 * (where.power + 1) + where.contact + 1
 
 
 def _packed(numbers: Any, kind: str = "<i2") -> str:

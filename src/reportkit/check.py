@@ -15,6 +15,8 @@ from typing import Any
 from reportkit import text
 from reportkit.project import ProjectError
 
+#: Headings of `Comparison.change`.
+CHANGE = ["recorded value", "published", "here", "difference", "relative", "unit"]
 #: Relative tolerance of a float recorded without one; all other values must then be equal.
 DEFAULT_RELATIVE = 1e-9
 
@@ -24,63 +26,69 @@ Records = Mapping[str, Record]
 
 @dataclass(frozen=True)
 class Comparison:
-    """One recorded value beside the expected one; either may be missing."""
+    """One recorded value beside the expected one; the record of a missing one is empty."""
 
     study: str
     name: str
-    expected: Record | None
-    got: Record | None
+    expected: Record
+    got: Record
 
     @property
     def difference(self) -> float | None:
         """The recorded value minus the expected one; None unless both are numbers."""
-        old, new = ((side or {}).get("value", "") for side in (self.expected, self.got))
+        old, new = (side.get("value", "") for side in (self.expected, self.got))
         return None if {type(old), type(new)} & {bool, str} else new - old
 
     @property
     def relative(self) -> float | None:
         """The difference as a share of the expected value."""
-        value = (self.expected or {}).get("value")
+        value = self.expected.get("value")
         return None if self.difference is None or not value else self.difference / abs(value)
 
     @property
     def moved(self) -> str:
         """Why the records differ: new, missing, unit, tolerance or value; empty if they agree."""
         old, new = self.expected, self.got
-        if old is None or new is None:
+        if not old or not new:
             return "missing" if old else "new"
         if old["unit"] != new["unit"]:
             return "unit"
         if _rule(old) != _rule(new):
             return "tolerance"  # otherwise a notebook could loosen its own test
-        if self.difference is not None:
-            agree = abs(self.difference) <= _allowed(old)
-        else:
+        if self.difference is None:
             agree = type(old["value"]) is type(new["value"]) and old["value"] == new["value"]
+        else:
+            agree = abs(self.difference) <= _allowed(old)
         return "" if agree or not old.get("compared", True) else "value"
 
     def row(self) -> list[str]:
         """Return name, expected, got, tolerance and notebook, the cells of a table."""
-        sides = self.expected, self.got
-        units = [side["unit"] if side and self.moved == "unit" else None for side in sides]
-        rules = dict.fromkeys(_tolerance(side) for side in sides if side)
-        where = self.study if self.moved == "value" else f"{self.study}, {self.moved}"
-        return [self.name, *map(_shown, sides, units), " → ".join(rules), where]
+        moved, sides = self.moved, (self.expected, self.got)
+        values = (_shown(one, one.get("unit") if moved == "unit" else None) for one in sides)
+        rules = dict.fromkeys(_tolerance(one) for one in sides if one)
+        where = self.study if moved == "value" else f"{self.study}, {moved}"
+        return [self.name, *values, " → ".join(rules), where]
+
+    @property
+    def numbers(self) -> list[Any]:
+        """Name, both values, difference, relative difference and unit."""
+        values = self.expected.get("value"), self.got.get("value"), self.difference, self.relative
+        return [self.name, *values, (self.got or self.expected)["unit"]]
 
     @property
     def change(self) -> list[str]:
-        """Name, both values, difference, relative difference and unit, as texts."""
+        """The same as texts."""
+        *_, difference, share, unit = self.numbers
         values = (_shown(side, digits=6) for side in (self.expected, self.got))
-        difference = "" if self.difference is None else f"{self.difference:+.3g}"
-        share = "" if self.relative is None else f"{100 * self.relative:+.3g} %"
-        unit = (self.got or self.expected or {})["unit"] or ""
-        return [self.name, *values, difference, share, "" if unit == "1" else unit]
+        changes = ("" if difference is None else f"{difference:+.3g}",
+                   "" if share is None else f"{100 * share:+.3g} %")  # fmt: skip
+        return [self.name, *values, *changes, "" if unit in (None, "1") else unit]
 
 
 def compare(study: str, expected: Records, got: Records) -> list[Comparison]:
     """Pair the records of one study by name, the missing ones last."""
     names = {**got, **expected}
-    return [Comparison(study, name, expected.get(name), got.get(name)) for name in names]
+    return [Comparison(study, name, expected.get(name, {}), got.get(name, {})) for name in names]
 
 
 def compare_folders(results: Path, expected: Path) -> list[Comparison]:
@@ -154,5 +162,5 @@ def _tolerance(record: Record) -> str:
     return f"{100 * record['relative']:g} %" if "relative" in record else f"{_allowed(record):.3g}"
 
 
-def _shown(record: Record | None, unit: str | None = None, digits: int = 12) -> str:
+def _shown(record: Record, unit: str | None = None, digits: int = 12) -> str:
     return text.number(record["value"], unit, digits) if record else "–"

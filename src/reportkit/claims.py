@@ -10,6 +10,7 @@ import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +18,22 @@ import pandas as pd
 
 from reportkit import text
 from reportkit.check import load_all
-from reportkit.project import Project
+from reportkit.program import run
+from reportkit.project import Project, ProjectError
 
 CONFIRMED, CORRECTED, REFUTED = "confirmed", "confirmed with a correction", "refuted"
 DEPENDS, UNTESTABLE = "depends on the reading", "cannot be tested"
 #: Every verdict in the order of the report, with its symbol.
 VERDICTS = {REFUTED: "✗", DEPENDS: "◐", CORRECTED: "(✓)", CONFIRMED: "✓", UNTESTABLE: "?"}
 _RELATIONS = {"equals": "= ", "above": "> ", "below": "< "}
-
-_PLURAL = {DEPENDS: "depend on the reading"}
 PUBLISHED = "published"  #: the case that the other variations are compared with
-HEADING = ["reading, and what is measured", "criterion", "measured"]
+#: What is written, from templates of these names; the last tells make that all are there.
+FILES = ("verdicts-summary.md", "verdicts-list.md", "verdicts.md")
 
 Records = Mapping[str, Mapping[str, Mapping[str, Any]]]  #: study, name, record
 
 
-class ClaimError(ValueError):
+class ClaimError(ProjectError):
     """A claim is malformed, or its recorded value is missing."""
 
 
@@ -120,15 +121,6 @@ class Reading:
         """Return whether the claim holds, read in this way; not without a test."""
         return bool(self.tests) and all(test.passes(records) for test in self.tests)
 
-    def rows(self, records: Records) -> list[list[str]]:
-        """Return a row for each test: symbol and what is measured, criterion, value."""
-        rows = []
-        for test in self.tests:
-            mark = VERDICTS[CONFIRMED if test.passes(records) else REFUTED]
-            name = ": ".join(filter(None, [self.name, test.what]))
-            rows.append([f"{mark} {name}", test.criterion(records), test.measured(records)])
-        return rows
-
 
 @dataclass(frozen=True)
 class Claim:
@@ -182,6 +174,10 @@ class Claim:
         own, corrected = Reading(self.reading, self.tests), Reading("corrected", self.corrected)
         return [one for one in (own, corrected, *self.readings) if one.tests]
 
+    def holding(self, records: Records) -> int:
+        """Return under how many of its readings the claim holds."""
+        return sum(reading.holds(records) for reading in self.as_listed())
+
     def verdict(self, records: Records, turned: Sequence[str] = ()) -> str:
         """Return one of `VERDICTS`.
 
@@ -215,8 +211,8 @@ def load(path: Path) -> list[Claim]:
             named = table.get("readings", {}).items()
             readings = [Reading(name, [Test(**one) for one in tables]) for name, tables in named]
             claims.append(Claim(**table | own | {"readings": readings}))
-        except TypeError as error:
-            raise ClaimError(f"{table.get('name', table)}: {error}") from None
+        except (TypeError, ClaimError) as error:
+            raise ClaimError(f"{path.name}, {table.get('name', table)}: {error}") from None
     return claims
 
 
@@ -276,89 +272,34 @@ class Verdicts:
         found = {verdict: [c for c in self.claims if self.of(c) == verdict] for verdict in VERDICTS}
         return {verdict: claims for verdict, claims in found.items() if claims}
 
-    def page(self) -> str:
-        """Return all claims below headings of their verdicts, for a page beside the claims' own."""
-        parts = []
-        for verdict, claims in self.by_verdict().items():
-            parts.append(f"## {VERDICTS[verdict]} {verdict.capitalize()}: {len(claims)}\n")
-            parts += [self._card(claim, verdict) for claim in claims]
-        return "\n".join(parts)
-
-    def _card(self, claim: Claim, verdict: str) -> str:
-        name = claim.name[0].upper() + claim.name[1:]
-        heading = f"**{VERDICTS[verdict]} {name}** {{doc}}`evidence <{claim.page}>`"
-        says = f"The paper ({claim.where}): {claim.text}."
-        told = [heading, says, f"**{verdict.capitalize()}**{self._why(claim)}"]
-        listed = claim.as_listed()
-        if listed:
-            rows = [row for reading in listed for row in reading.rows(self.records)]
-            told += [text.markdown_table(HEADING, rows).rstrip(), self._computed(claim)]
-        body = "\n\n".join(told)
-        return f":::{{div}} claim {verdict.replace(' ', '-')}\n{body}\n:::\n"
-
-    def _why(self, claim: Claim) -> str:
-        """Return the note, the number of readings that hold, and the choices that turn it."""
-        note = f": {claim.note}." if claim.note else "."
-        holds = [reading.holds(self.records) for reading in claim.as_listed()]
-        if claim.readings and any(holds) and not all(holds):
-            note += f" It holds under {sum(holds)} of {len(holds)} readings."
-        if turned := self.turned.get(claim.name):
-            note += f" The verdict changes with one of our choices: {', '.join(turned)}."
-        return note
-
-    def _computed(self, claim: Claim) -> str:
+    def computed(self, claim: Claim) -> str:
+        """Return how often each value of a claim was computed at least, and in which ways."""
         places = {test.value for reading in claim.as_listed() for test in reading.tests}
-        others = sorted({how for place in places for how in self.opinions.get(place, ())})
-        computed = {place for place in places if _record(self.records, place).get("compared", True)}
-        fewest = 1 + min((len(self.opinions.get(place, ())) for place in computed), default=0)
+        ways = {place: self.opinions.get(place, ()) for place in places}
+        timed = {p for p in places if not _record(self.records, p).get("compared", True)}
+        fewest = 1 + min((len(ways[place]) for place in places - timed), default=0)
         times = {1: "once", 2: "twice"}.get(fewest, f"{fewest} times")
-        own = "by the notebook" if computed == places else "by the notebook, a measured time"
-        return f"Computed {times}: {'; '.join([own, *others])}."
+        own = "by the notebook, a measured time" if timed else "by the notebook"
+        return f"Computed {times}: {'; '.join([own, *sorted({*chain(*ways.values())})])}."
 
-    def summary(self) -> str:
-        """Return one sentence that counts the verdicts."""
-        told = []
-        for verdict, claims in self.by_verdict().items():
-            one = len(claims) == 1
-            verb = "" if verdict in (DEPENDS, UNTESTABLE) else "is " if one else "are "
-            told.append(f"{len(claims)} {verb}{verdict if one else _PLURAL.get(verdict, verdict)}")
-        joined = " and ".join(", ".join(told).rsplit(", ", 1))
-        return f"Of {len(self.claims)} claims, {joined}.\n"
-
-    def listed(self, pages: str) -> str:
-        """Return the claims by verdict as lists of links into a folder of pages."""
-        parts = []
-        for verdict, claims in self.by_verdict().items():
-            lines = [f"**{VERDICTS[verdict]} {len(claims)} {_PLURAL.get(verdict, verdict)}**", ""]
-            for claim in claims:
-                why = f": {claim.note}" if verdict == REFUTED and claim.note else ""
-                lines.append(f"- {{doc}}`{claim.name} <{pages}/{claim.page}>`{why}")
-            name = verdict.replace(" ", "-")
-            parts.append("\n".join([f":::{{div}} verdict verdict-{name}", *lines, ":::", ""]))
-        return "\n".join(parts)
+    def render(self, template: str, folder: str = "") -> str:
+        """Fill one of the templates `FILES`; `folder` is that of the pages that claims link to."""
+        return text.render(template, found=self, symbols=VERDICTS, folder=folder)
 
 
-def main(arguments: list[str]) -> int:
+def main(results: Path) -> None:
     """Run ``python -m reportkit.claims RESULTS``: write the verdicts beside the results."""
-    (results,) = map(Path, arguments)
     project = Project.find()
-    try:
-        beside = load_turned(project.variations), load_opinions(project.opinions)
-        found = Verdicts(load(project.claims), load_all(results), *beside)
-        verdicts = [(claim.name, claim.where, found.of(claim)) for claim in found.claims]
-        page = found.page()
-    except ClaimError as error:
-        print(f"claims.toml: {error}", file=sys.stderr)
-        return 1
-    pages = f"/{project.results.parent.relative_to(project.root).as_posix()}"
+    beside = load_turned(project.variations), load_opinions(project.opinions)
+    found = Verdicts(load(project.claims), load_all(results), *beside)
+    verdicts = [(claim.name, claim.where, found.of(claim)) for claim in found.claims]
+    folder = f"/{project.results.parent.relative_to(project.root).as_posix()}"
+    pages = {name: found.render(name, folder) for name in FILES}
     frame = pd.DataFrame(verdicts, columns=["claim", "where", "verdict"])
-    text.write(results / "verdicts-summary.md", found.summary())
-    text.write(results / "verdicts-list.md", found.listed(pages))
     text.write(results / "verdicts.csv", frame.to_csv(index=False, lineterminator="\n"))
-    # last, because make takes it as the sign that all are there
-    text.write(results / "verdicts.md", page)
-    return 0
+    for name, page in pages.items():
+        text.write(results / name, page)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

@@ -7,7 +7,6 @@ import json
 import shutil
 import sys
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -15,19 +14,8 @@ from typing import Any
 import click
 
 from reportkit import check, parameters, text
+from reportkit.program import FAILED, INTERRUPTED, MISUSED
 from reportkit.project import Project, ProjectError, read_toml
-
-CHANGED, MISUSED, INTERRUPTED = 1, 2, 130
-
-
-def _once(_: click.Context, option: click.Parameter, given: tuple[Path, ...]) -> Path | None:
-    if len(given) > 1:
-        raise parameters.ParameterError(f"{option.opts[0]}: given twice")
-    return given[0] if given else None
-
-
-_option = partial(click.option, multiple=True, callback=_once)
-_folder = partial(_option, type=click.Path(file_okay=False, path_type=Path), metavar="DIR")
 
 
 def main(arguments: list[str] | None = None, project: Project | None = None) -> int:
@@ -36,19 +24,26 @@ def main(arguments: list[str] | None = None, project: Project | None = None) -> 
     The code is 0 for success, 1 if a notebook failed or a value moved, 2 for an invalid command or
     a file that cannot be read or written, and 130 after an interruption.
     """
-    arguments, own = sys.argv[1:] if arguments is None else arguments, project
+    arguments, command = sys.argv[1:] if arguments is None else arguments, ""
     try:
-        own = own or Project.find()
-        return commands.main(arguments, own.name, standalone_mode=False, obj=own) or 0
-    except (ProjectError, parameters.ParameterError, OSError) as error:
-        command = f"{own.name} {arguments[0]}: " if own else ""
+        project = project or Project.find()
+        command = f"{project.name} {' '.join(arguments[:1])}: "
+        return commands.main(arguments, project.name, standalone_mode=False, obj=project) or 0
+    except (ProjectError, OSError) as error:
         print(f"{command}{error}", file=sys.stderr)
-        return MISUSED
+        return getattr(error, "code", MISUSED)
     except click.ClickException as error:
         error.show()
         return error.exit_code
     except click.Abort:
+        print(f"{command}interrupted, nothing half-written", file=sys.stderr)
         return INTERRUPTED
+
+
+def _once(_: click.Context, option: click.Parameter, given: tuple[Path, ...]) -> Path | None:
+    if len(given) > 1:
+        raise parameters.ParameterError(f"{option.opts[0]}: given twice")
+    return given[0] if given else None
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -56,19 +51,15 @@ def commands() -> None:
     """Rerun the report's notebooks with other parameters; check what was built."""
 
 
-_NOTEBOOKS = _folder("--notebooks", help="Notebooks other than the report's.")
-
-
 @commands.command("list")
 @click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True, help="For scripts.")
-@_NOTEBOOKS
 @click.pass_obj
-def list_(project: Project, name: str | None, as_json: bool, notebooks: Path | None) -> None:
+def list_(project: Project, name: str | None, as_json: bool) -> None:
     """Show the notebooks and their parameters, or those of one."""
-    folder, choices = notebooks or project.notebooks, project.read_choices()
-    names = [name] if name else [path.name for path in parameters.sources(folder)]
-    found = [parameters.find(one, folder, choices) for one in names]
+    names = [name] if name else [path.name for path in parameters.sources(project.notebooks)]
+    choices = project.read_choices()
+    found = [parameters.find(one, project.notebooks, choices) for one in names]
     if as_json:
         click.echo(json.dumps([*map(_described, found)], indent=1))
     else:
@@ -100,73 +91,66 @@ def _shown(notebook: parameters.Notebook, width: int) -> str:
     "-p", "--parameter", "given", nargs=2, multiple=True, metavar="KEY VALUE",
     help="A parameter, as the list shows them; a list is written 1,2,3. May be repeated.",
 )  # fmt: skip
-@_option("-f", "--file", type=Path, metavar="TOML", help="A file of KEY = VALUE; -p wins.")
-@_folder("-o", "--output", default=["runs"], show_default=True,
-         help="Where the folder NAME-<time> is made.")  # fmt: skip
-@_NOTEBOOKS
+@click.option(
+    "-f",
+    "--file",
+    type=Path,
+    metavar="TOML",
+    multiple=True,
+    callback=_once,
+    help="A file of KEY = VALUE; -p wins.",
+)
+@click.option("-o", "--output", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
+              multiple=True, callback=_once, default=["runs"], show_default=True,
+              help="Where the folder NAME-<time> is made.")  # fmt: skip
 @click.pass_obj
-def rerun(
-    project: Project, name: str, given: Any, file: Path | None, output: Path, notebooks: Path | None
-) -> int:
+def rerun(project: Project, name: str, given: Any, file: Path | None, output: Path) -> None:
     """Execute a notebook with other parameters."""
-    notebook = parameters.find(name, notebooks or project.notebooks, project.read_choices())
-    whole = {key: item.default for key, item in notebook.parameters.items()}
-    check = None if notebooks else project.checks.get(notebook.name)
+    notebook = parameters.find(name, project.notebooks, project.read_choices())
+    check = project.checks.get(notebook.name)
     try:
         values = notebook.values(given, read_toml(file) if file else {})
-        notice = resolve_name(check)(whole | values) if check else ""
+        notice = resolve_name(check)(notebook.defaults | values) if check else ""
     except (ValueError, ArithmeticError) as error:
         raise parameters.ParameterError(error) from None
-    from reportkit.execute import NotebookError, be_a_program
+    from reportkit.execute import be_a_program
     from reportkit.rerun import rerun
 
     be_a_program()
     click.echo(f"{notebook.name}: executing{notice}")
-    try:
-        folder, comparisons, complaints = rerun(notebook, values, output, project)
-    except KeyboardInterrupt:
-        click.echo(f"{notebook.name}: interrupted, nothing written", err=True)
-        return INTERRUPTED
-    except NotebookError as error:
-        click.echo(f"\n{error}\n", err=True)
-        return CHANGED
+    folder, comparisons, complaints = rerun(notebook, values, output, project)
     for complaint in complaints:
         click.echo(f"{notebook.name} warned: {complaint}", err=True)
     click.echo(_told(comparisons))
     click.echo(f"{click.format_filename(folder / notebook.name)}.html")
-    return 0
 
 
 def _told(pairs: list[check.Comparison]) -> str:
     if not pairs:
         return "there are no published values to compare with"
-    rows = [[*pair.change[:4], pair.change[5]] for pair in pairs if pair.moved]
+    rows = [pair.change for pair in pairs if pair.moved]
     count = f"{len(rows)} of {len(pairs)} recorded values changed"
-    heading = ["recorded value", "published", "now", "difference", "unit"]
-    return f"{text.columns(heading, rows)}\n{count}" if rows else count
+    return f"{text.columns(check.CHANGE, rows)}\n{count}" if rows else count
 
 
 @commands.command("check")
 @click.option("--update", is_flag=True, help="Take the results as the expected values.")
-@_folder("--results", help="Results other than the report's.")
-@_folder("--expected", help="Expectations other than its own.")
 @click.pass_obj
-def check_(project: Project, update: bool, results: Path | None, expected: Path | None) -> int:
+def check_(project: Project, update: bool) -> int:
     """Compare the results with the expected values."""
-    expected = expected or project.expected
-    pairs = check.compare_folders(results or project.results, expected)
+    pairs = check.compare_folders(project.results, project.expected)
     moved = [pair.row() for pair in pairs if pair.moved]
     if moved:
         click.echo(text.columns(["name", "expected", "got", "tolerance", "notebook"], moved))
     if update:
-        check.update(pairs, expected)
-        click.echo(f"{len(moved)} expectations updated in {expected}")
+        check.update(pairs, project.expected)
+        click.echo(f"{len(moved)} expectations updated in {project.expected}")
     elif moved:
         click.echo(f"{len(moved)} of {len(pairs)} values moved. If intended: "
                    f"{project.name} check --update")  # fmt: skip
     else:
         click.echo(f"{len(pairs)} values are as expected")
-    return CHANGED if moved and not update else 0
+    return FAILED if moved and not update else 0
 
 
 if __name__ == "__main__":

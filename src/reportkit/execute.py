@@ -7,15 +7,13 @@ import shutil
 import signal
 import sys
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from subprocess import PIPE, Popen
 from tempfile import TemporaryDirectory
-from threading import Thread
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 from unittest.mock import patch
 
 import nbformat
@@ -28,18 +26,26 @@ from traitlets import default
 from traitlets.config import Config
 
 from reportkit.locks import LOCK_VARIABLE, locked, shared
+from reportkit.program import FAILED, run
+from reportkit.project import ProjectError
 from reportkit.record import RESULTS_VARIABLE
+from reportkit.text import plain
 
 #: Settings of the user that could change a result, or keep a kernel from starting.
 _HARMFUL = re.compile("PYTHON(?!PATH$|HOME$)|NUMBA_(?!CACHE_DIR$)|MPLBACKEND$|JUPYTER_")
-_ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _FRAME = re.compile(r"^File (.+?:\d+), in (\w+)", re.MULTILINE)
 # A progress bar, in the format of `_bars`, and the blanks that take its place when it is done.
 _BAR = re.compile(r"\x1b\[K([^\r\n]*?)(?:\x1b\[(?:K|0m))+ *|\r *")
 
 
-class NotebookError(RuntimeError):
+#: In the scratch folder: what the kernel's process has written to standard error.
+_LOG = "kernel.log"
+
+
+class NotebookError(ProjectError):
     """A notebook could not be executed; the message names it, its cell and the error."""
+
+    code = FAILED  #: exit code of the command line
 
 
 def execute(source: Path, results: Path, parameters: Mapping[str, Any] | None = None) -> list[str]:
@@ -143,34 +149,15 @@ def _show_bars(text: str) -> None:
 class _Kernel(AsyncKernelManager):
     """A kernel of the Python that runs this, whatever kernels the user's folders name."""
 
-    _words: ClassVar[deque[str]] = deque(maxlen=1)
-    _listener: ClassVar[Thread]
-
     @default("kernel_spec_manager")
     def _own_kernel_only(self) -> KernelSpecManager:
         return KernelSpecManager(kernel_dirs=[])
 
     async def start_kernel(self, **options: Any) -> None:  # type: ignore[override]
-        """Start it and listen to what it writes before it can send messages."""
-        read, write = os.pipe()
-        _Kernel._listener = Thread(target=self._listen, args=[read], daemon=True)
-        self._listener.start()
-        try:
-            lock = filter(None, [os.environ.get(LOCK_VARIABLE)])
-            await super().start_kernel(stderr=write, pass_fds=[*map(int, lock)], **options)
-        finally:
-            os.close(write)
-
-    def _listen(self, read: int) -> None:
-        self._words.clear()
-        with open(read, errors="replace") as lines:
-            self._words.extend(filter(None, map(str.strip, lines)))
-
-    @classmethod
-    def last_words(cls) -> str:
-        """Return the last line that a kernel, which has died, has written."""
-        cls._listener.join(5)  # s; a child of the kernel may hold the pipe
-        return "".join(cls._words)
+        """Start it, and keep what it writes before it can send messages."""
+        lock = filter(None, [os.environ.get(LOCK_VARIABLE)])
+        with Path(self.connection_file).with_name(_LOG).open("w") as log:
+            await super().start_kernel(stderr=log, pass_fds=[*map(int, lock)], **options)
 
 
 def _run(
@@ -204,18 +191,19 @@ def _run(
     except DeadKernelError:
         raise NotebookError(f"{source} failed: its Python died (out of memory?)") from None
     except RuntimeError as error:  # before the first cell
-        why = _Kernel.last_words() or error
+        written = "".join(log.read_text(errors="replace") for log in folder.glob(_LOG))
+        why = written.strip().rpartition("\n")[2] or error
         raise NotebookError(f"{source} failed: its Python did not start: {why}") from None
     del done.cells[len(done.cells) - len(last) :]
     return done
 
 
 def _explain(source: Path, error: PapermillExecutionError) -> str:
-    frames = _FRAME.findall(_ANSI.sub("", "\n".join(error.traceback)))
+    frames = _FRAME.findall(plain("\n".join(error.traceback)))
     places = "".join(f"\n  in {function}, {file}" for file, function in frames)
     code = "".join(f"\n    {line}" for line in error.source.splitlines())
     told = f"{source} failed in its code cell {error.exec_count}:\n{code}\n{places}\n"
-    return f"{told}  {error.ename}: {_ANSI.sub('', error.evalue)}"
+    return f"{told}  {error.ename}: {plain(error.evalue)}"
 
 
 def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
@@ -242,34 +230,19 @@ def be_a_program() -> None:
         logging.getLogger(logger).disabled = True
 
 
-def main(arguments: list[str]) -> int:
-    """Run ``python -m reportkit.execute SOURCE RESULTS_DIR``; return the exit code."""
-    if len(arguments) != 2:
-        print("usage: python -m reportkit.execute SOURCE RESULTS_DIR", file=sys.stderr)
-        return 2
-    source, results = map(Path, arguments)
+def main(source: Path, results: Path) -> None:
+    """Run ``python -m reportkit.execute SOURCE RESULTS``."""
     be_a_program()
     print(f"{source}: executing", flush=True)
     start = time.perf_counter()
-    try:
-        with shared(source.parent):
-            complaints = execute(source, results)
-    except NotebookError as error:
-        print(f"\n{error}\n", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"{source}: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"{source}: interrupted, nothing published", file=sys.stderr)
-        return 130
+    with shared(source.parent):
+        complaints = execute(source, results)
     for complaint in complaints:
         print(f"{source} warned: {complaint}", file=sys.stderr)
     seconds = f"{time.perf_counter() - start:.1f}"
     (results / f"{source.stem}-seconds.txt").write_text(f"{seconds}\n")
     print(f"{source}: done in {seconds} s", flush=True)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

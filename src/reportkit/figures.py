@@ -6,7 +6,7 @@ with the same contrast there.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -154,15 +154,22 @@ def ranking(
         else:
             ax.plot(value, row, "o", color=colour, ms=8 if name in colours else 6)
             ax.annotate(f"{float(f'{value:.2g}'):g}", (value, row), (8, 0), **style)
-    ax.set(xscale="log", ylim=(len(order) - 0.4, -0.6))
+    _name_rows(ax, order, bold=colours)
     ax.set_xlim(right=5 * ax.get_xlim()[1])  # room for the number of the last
-    ax.xaxis.set_major_formatter("{x:g}")
     ax.grid(visible=False)
-    ax.set_yticks(range(len(order)), order)
-    for label, name in zip(ax.get_yticklabels(), order, strict=True):
-        label.set(color=shade(colours.get(name, INK)), weight="bold" if name in colours else None)
-    ax.tick_params(axis="y", length=0)
+    for label in ax.get_yticklabels():
+        label.set_color(shade(colours.get(label.get_text(), INK)))
     ax.spines["left"].set_visible(False)
+
+
+def _name_rows(ax: Axes, names: Sequence[str], bold: Container[str]) -> None:
+    """Name the rows of a drawing from the top, beside a logarithmic axis."""
+    ax.set(xscale="log", ylim=(len(names) - 0.4, -0.6))
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.set_yticks(range(len(names)), names)
+    for label, name in zip(ax.get_yticklabels(), names, strict=True):
+        label.set_fontweight("bold" if name in bold else "normal")
+    ax.tick_params(axis="y", length=0)
 
 
 def tornado(
@@ -179,24 +186,17 @@ def tornado(
     names
         Names of the two factors in the legend.
     """
-    row, ticks = 0, {}
-    for heading, bars in groups.items():
-        ticks[row], row = heading, row + 1
-        for name, factors in bars.items():
-            for factor, colour in zip(factors, PALETTE, strict=False):
-                ax.plot([1, factor], [row, row], color=colour, lw=7, ls="-", solid_capstyle="butt")
-            ticks[row], row = name, row + 1
+    bar: Any = {"lw": 7, "ls": "-"}
+    rows = [row for heading, bars in groups.items() for row in ((heading, ()), *bars.items())]
+    for n, (_, factors) in enumerate(rows):
+        for factor, colour in zip(factors, PALETTE, strict=False):
+            ax.plot([1, factor], [n, n], color=colour, solid_capstyle="butt", **bar)
     for name, colour in zip(names, PALETTE, strict=False):
-        ax.plot([], [], color=colour, lw=7, ls="-", label=name)
+        ax.plot([], [], color=colour, label=name, **bar)
     ax.axvline(1, color=INK, lw=1)
-    ax.set(xscale="log", ylim=(row - 0.4, -0.6))
-    ax.set_yticks(list(ticks), list(ticks.values()))
-    for label, name in zip(ax.get_yticklabels(), ticks.values(), strict=True):
-        label.set_fontweight("bold" if name in groups else "normal")
-    ax.tick_params(axis="y", length=0)
+    _name_rows(ax, [name for name, _ in rows], bold=groups)
     ax.grid(visible=False, axis="y")
     ax.grid(axis="x")
-    ax.xaxis.set_major_formatter("{x:g}")
 
 
 def slope_triangle(ax: Axes, order: float, x: float, y: float, factor: float = 2.0) -> None:

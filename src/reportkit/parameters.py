@@ -1,7 +1,7 @@
 """The parameters of a notebook, read from its source without executing it.
 
-In the cell tagged ``parameters`` each variable has a comment, at the end of its line or on the
-lines above::
+In the cell tagged ``parameters`` each variable has a comment, on the lines above or at the end of
+its line::
 
     T_p = 0.04  # s, time constant of the preamplifier; 0.001 to 10
     # s, step sizes; 2 or more values, each 1e-7 to 1e-3
@@ -31,11 +31,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise, takewhile
+from itertools import pairwise
 from pathlib import Path
 from tokenize import COMMENT, generate_tokens
 from typing import Any
 
+from reportkit.project import ProjectError
 from reportkit.text import studies
 
 _SYMBOLS = set("1 % s ms µs V A m mm µm km kg N J W mW Hz rad Ω H".split())
@@ -49,7 +50,7 @@ _BOOLS = {"true": True, "yes": True, "false": False, "no": False}
 _KINDS = {float: "a number", int: "an integer", bool: "true or false", str: "a text"}
 
 
-class ParameterError(ValueError):
+class ParameterError(ProjectError):
     """A notebook or parameter is missing or invalid; the message is one line."""
 
 
@@ -80,12 +81,12 @@ class Parameter:
     @property
     def kind(self) -> type:
         """The type of the value, or of each value of a list."""
-        several = isinstance(self.default, list)
-        kinds = set(map(type, self.default)) if several else {type(self.default)}
-        kind = float if kinds == {int, float} else kinds.pop() if len(kinds) == 1 else None
-        if kind is None or kind not in ((int, float) if several else _KINDS):
-            raise ParameterError(f"{self.name} = {self.default!r}: its type cannot be checked")
-        return kind
+        kinds = {type(one) for one in self.default} if isinstance(self.default, list) else set()
+        if isinstance(self.default, bool | str | int | float):
+            return type(self.default)
+        if kinds and kinds <= {int, float}:
+            return float if float in kinds else int
+        raise ParameterError(f"{self.name} = {self.default!r}: its type cannot be checked")
 
     @property
     def wanted(self) -> str:
@@ -191,6 +192,11 @@ class Notebook:
         """The file name without its ending."""
         return self.path.stem
 
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """The published values."""
+        return {name: item.default for name, item in self.parameters.items()}
+
     def values(self, texts: Iterable[tuple[str, str]], table: Mapping[str, Any]) -> dict[str, Any]:
         """Check parameters given as texts and as a table; the texts take precedence.
 
@@ -206,7 +212,7 @@ class Notebook:
                 raise ParameterError(f"{name}: given twice")
             values[name] = self._parameter(name).parse(text)
         values = {name: self._parameter(name).check(v) for name, v in table.items()} | values
-        whole = {name: item.default for name, item in self.parameters.items()} | values
+        whole = self.defaults | values
         for condition in self.conditions:
             try:
                 one, relation, other = condition.split()
@@ -278,23 +284,21 @@ def sources(folder: Path) -> list[Path]:
     """
     if not (paths := studies(folder, ".ipynb")):
         raise ParameterError(f"no notebooks in {folder}: they come with the repository, not with "
-                             "the installed package; --notebooks says where they are")  # fmt: skip
+                             "the installed package")  # fmt: skip
     return paths
 
 
 def _parameters(source: str, choices: Mapping[str, Any]) -> Iterable[Parameter]:
     # an import is that of the choices
     nodes = [node for node in ast.parse(source).body if not isinstance(node, ast.ImportFrom)]
-    lines = source.split("\n")
     tokens = generate_tokens(io.StringIO(source).readline)
     comments = {t.start[0]: t.string.lstrip("#").strip() for t in tokens if t.type == COMMENT}
+    last = 0
     for node in nodes:
         if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
             raise ParameterError(f"cell of parameters: {ast.unparse(node)} is not NAME = VALUE")
-        if not (comment := comments.get(node.end_lineno or 0)):  # it stands above
-            before = reversed(lines[: node.lineno - 1])
-            above = takewhile(lambda line: line.startswith("#"), before)
-            comment = " ".join(line.lstrip("#").strip() for line in reversed([*above]))
+        begin, last = last, node.end_lineno or 0
+        comment = " ".join(text for line, text in comments.items() if begin < line <= last)
         default = _default(node.value, choices)
         text, _, allowed = (part.strip() for part in comment.partition(";"))
         unit = None

@@ -10,14 +10,11 @@ from playwright.sync_api import PdfMargins, sync_playwright
 from pypdf import PdfWriter
 from pypdf.generic import NameObject, TextStringObject
 
-BROWSERS = (
-    "chromium",
-    "chromium-browser",
-    "google-chrome",
-    "google-chrome-stable",
-    "/Applications/Chromium.app/Contents/MacOS/Chromium",
-    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
-)
+from reportkit.program import run
+
+#: Where a browser may be; the last two are for macOS.
+BROWSERS = "chromium chromium-browser google-chrome google-chrome-stable".split()
+BROWSERS += [f"/Applications/{a}.app/Contents/MacOS/{a}" for a in ("Chromium", "Google Chrome")]
 MARGIN = PdfMargins(top="17mm", bottom="17mm", left="18mm", right="18mm")
 #: Script that lists the printed headings.
 HEADINGS = Path(__file__).parent / "templates" / "headings.js"
@@ -45,8 +42,10 @@ def browser() -> str:
     )
 
 
-def print_page(page: Path, pdf: Path) -> None:
-    """Print an HTML file, its mathematics included, as a tagged PDF with an outline.
+def main(page: Path, pdf: Path) -> None:
+    """Run ``python -m reportkit.pdf PAGE PDF``: print an HTML file, its mathematics included.
+
+    The PDF is tagged and has an outline.
 
     Raises
     ------
@@ -95,16 +94,5 @@ def _entries(outline: list[Any]) -> Iterator[Any]:
         yield from _entries(entry) if isinstance(entry, list) else [entry]
 
 
-def main(arguments: list[str]) -> int:
-    """Run ``python -m reportkit.pdf PAGE PDF``."""
-    page, pdf = map(Path, arguments)
-    try:
-        print_page(page, pdf)
-    except FileNotFoundError as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

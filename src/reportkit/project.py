@@ -11,7 +11,7 @@ from typing import Any, Self
 
 
 class ProjectError(ValueError):
-    """The settings of a report are missing or wrong; the message is one line."""
+    """A part of a report is missing, wrong or fails; the message says which, and why."""
 
 
 @dataclass(frozen=True)

@@ -12,23 +12,32 @@ from collections.abc import Iterator
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
+from typing import NamedTuple
 
 from packaging.requirements import Requirement
 
 from reportkit import text
+from reportkit.program import run
 from reportkit.project import Project
-from reportkit.timing import computer
+from reportkit.timing import computer, installed
 
 #: In an export of a repository git writes the commit into this file (``export-subst``).
 ARCHIVED = ".git_archival.txt"
 
 
+class Commit(NamedTuple):
+    """The commit that a folder is of."""
+
+    name: str = ""  #: empty if it is not known
+    changed: bool | None = None  #: whether files differ from it or are new; None if not known
+    date: str = ""
+
+
 def software(project: Project) -> list[tuple[str, str]]:
     """List what `versions` finds; the report's own version ends with its commit, if known."""
-    found = versions(project)
-    commit, changed = commit_of(project.root)
-    found[project.name] += f", commit {commit[:7]}" if commit else ""
-    found[project.name] += " with changes" if changed else ""
+    found, commit = versions(project), commit_of(project.root)
+    found[project.name] += f", commit {commit.name[:7]}" if commit.name else ""
+    found[project.name] += " with changes" if commit.changed else ""
     return [*found.items()]
 
 
@@ -38,27 +47,21 @@ def versions(project: Project) -> dict[str, str]:
     These are the requirements of the installed distribution and of its extra ``project.extra``,
     and ``project.versions``.
     """
-    own = _version(project.name)
-    wanted = (metadata.requires(project.name) or []) if own else []
+    wanted = metadata.requires(project.name) if installed(project.name) else []
     extra = {"extra": project.extra}
-    needed = {r.name for r in map(Requirement, wanted) if not r.marker or r.marker.evaluate(extra)}
-    names = sorted(needed.union(project.versions) - {project.name}, key=str.lower)
-    head = {project.name: own or "not installed", "Python": platform.python_version()}
-    return head | {name: _version(name) or "not installed" for name in names}
+    needed = [
+        r.name for r in map(Requirement, wanted or []) if not r.marker or r.marker.evaluate(extra)
+    ]
+    names = sorted({*needed, *project.versions} - {project.name}, key=str.lower)
+    found = {name: installed(name) or "not installed" for name in (project.name, "Python", *names)}
+    return found | {"Python": platform.python_version()}
 
 
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return ""
-
-
-def commit_of(root: Path) -> tuple[str, bool | None]:
-    """Return the commit of a folder, and whether files there differ from it or are new.
+def commit_of(root: Path) -> Commit:
+    """Return the commit of a folder.
 
     The folder is the top of a repository, or an export of one with the file `ARCHIVED`. Whether an
-    export was changed cannot be known: None. Without a commit the text is empty.
+    export was changed cannot be known.
     """
     # A program that git itself has started finds another repository by these.
     others = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
@@ -70,10 +73,11 @@ def commit_of(root: Path) -> tuple[str, bool | None]:
 
     with suppress(OSError, subprocess.CalledProcessError):
         if os.path.samefile(git("rev-parse", "--show-toplevel"), root):
-            return git("rev-parse", "HEAD"), bool(git("status", "--porcelain"))
+            name, date = git("log", "-1", "--format=%H %cs").split()
+            return Commit(name, bool(git("status", "--porcelain")), date)
     archived = (root / ARCHIVED).read_text() if (root / ARCHIVED).is_file() else ""
     node = re.search(r"^node: ([0-9a-f]+)$", archived, re.MULTILINE)
-    return node[1] if node else "", None
+    return Commit(node[1] if node else "")
 
 
 def keep(project: Project, folder: Path) -> None:
@@ -81,9 +85,8 @@ def keep(project: Project, folder: Path) -> None:
 
     What is not known is left out.
     """
-    commit, changed = commit_of(project.root)
-    lock = _sum(project.lock) if project.lock.is_file() else ""
-    known = {"commit": commit, "changed": changed, "lock_sha256": lock}
+    commit, lock = commit_of(project.root), _sum(project.lock) if project.lock.is_file() else ""
+    known = {"commit": commit.name, "changed": commit.changed, "lock_sha256": lock}
     lines = [f"{key} = {json.dumps(one)}" for key, one in known.items() if one not in ("", None)]
     lines += ["", "[versions]"]
     lines += [f"{json.dumps(name)} = {json.dumps(one)}" for name, one in versions(project).items()]
@@ -92,15 +95,6 @@ def keep(project: Project, folder: Path) -> None:
 
 def _sum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def version(project: Project) -> str:
-    """Return the version of the report, with its commit and the commit's date if there is one."""
-    own, (commit, _) = software(project)[0][1], commit_of(project.root)
-    command = ["git", "-C", str(project.root), "log", "-1", "--format=%cs", commit]
-    if commit and (date := subprocess.run(command, capture_output=True, text=True).stdout.strip()):
-        return f"{own}, {date}"
-    return own
 
 
 def bundle(results: Path, file: Path) -> None:
@@ -141,11 +135,11 @@ def sums(project: Project) -> list[tuple[str, str]]:
 
 def write(project: Project, results: Path) -> None:
     """Write ``appendix-*`` beside the results: four tables for pages, and ``SHA256SUMS``."""
-    data = sums(project)
+    data, packages, date = sums(project), software(project), commit_of(project.root).date
     short = [(f"`{name}`", f"`{digest[:16]}`") for digest, name in data]
     parts = {
-        "software.md": text.markdown_table(["package", "version"], software(project)),
-        "version.md": f"**Version** {version(project)}\n",
+        "software.md": text.markdown_table(["package", "version"], packages),
+        "version.md": f"**Version** {packages[0][1]}{date and ', '}{date}\n",
         "computer.md": f"{computer()}\n",
         "run-times.md": text.markdown_table(["notebook", "run time / s"], run_times(results), [1]),
         "sums.md": text.markdown_table(["file", "SHA-256, first 16 digits"], short),
@@ -156,12 +150,10 @@ def write(project: Project, results: Path) -> None:
     bundle(results, results / "appendix-results.zip")
 
 
-def main(arguments: list[str]) -> int:
-    """Run ``python -m reportkit.provenance RESULTS``; return the exit code."""
-    (results,) = map(Path, arguments)
+def main(results: Path) -> None:
+    """Run ``python -m reportkit.provenance RESULTS``; see `write`."""
     write(Project.find(), results)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run(main, sys.argv[1:]))

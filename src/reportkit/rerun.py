@@ -10,8 +10,9 @@ from typing import Any
 import nbformat
 import pandas as pd
 
-from reportkit import check, page
+from reportkit import check, page, text
 from reportkit.execute import executed
+from reportkit.figures import dark
 from reportkit.locks import locked
 from reportkit.parameters import Notebook
 from reportkit.project import Project, read_toml
@@ -60,33 +61,39 @@ def rerun(
     NotebookError
         If the notebook fails; then nothing is left.
     """
-    name, started = notebook.name, datetime.now()
+    name, started, used = notebook.name, datetime.now(), notebook.defaults | dict(parameters)
     closing = CLOSING.format(root=str(project.root))
     with executed(notebook.path, parent, parameters, closing) as (new, complaints):
         files = new / f"{name}.json", project.expected / f"{name}.json"
         got, published = (check.load(path) if path.exists() else {} for path in files)
         comparisons = check.compare(name, published, got) if published else []
         values = ([key, record["value"], record["unit"]] for key, record in got.items())
+        rows = ([*pair.numbers, "yes" if pair.moved else "no"] for pair in comparisons)
         _write_csv(new / "values.csv", ["name", "value", "unit"], values)
-        _write_csv(new / "comparison.csv", COLUMNS, map(_row, comparisons))
-        used = {key: item.default for key, item in notebook.parameters.items()} | dict(parameters)
+        _write_csv(new / "comparison.csv", COLUMNS, rows)
         lines = (f"{key} = {json.dumps(v, ensure_ascii=False)}\n" for key, v in used.items())
         (new / "parameters.toml").write_text("".join(lines), encoding="utf-8")
-        outputs = nbformat.read(new / f"{name}.ipynb", as_version=4)
-        made = read_toml(new / "provenance.toml")
-        text = page.render(notebook, outputs, parameters, comparisons, started, project, made)
-        (new / f"{name}.html").write_text(text, encoding="utf-8")
+        mathjax = project.mathjax.read_text("utf-8") if project.mathjax.exists() else ""
+        html = text.render(
+            "rerun.html",
+            project=project,
+            notebook=notebook,
+            used=used,
+            cells=nbformat.read(new / f"{name}.ipynb", as_version=4).cells,
+            comparisons=comparisons,
+            headings=check.CHANGE,
+            started=started,
+            made=read_toml(new / "provenance.toml"),
+            mathjax=mathjax.replace("</script", "<\\/script"),
+            markdown=page.html,
+            dark=dark,
+        )
+        (new / f"{name}.html").write_text(html, encoding="utf-8")
         folder = _publish(new, parent, f"{name}-{started:%Y%m%d-%H%M%S}")
     return folder, comparisons, complaints
 
 
 COLUMNS = ["name", "published", "got", "difference", "relative difference", "unit", "changed"]
-
-
-def _row(pair: check.Comparison) -> list[Any]:
-    old, new = pair.expected or {}, pair.got or {}
-    values = old.get("value"), new.get("value"), pair.difference, pair.relative
-    return [pair.name, *values, (new or old)["unit"], "yes" if pair.moved else "no"]
 
 
 def _write_csv(path: Path, heading: list[str], rows: Iterable[list[Any]]) -> None:

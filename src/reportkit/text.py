@@ -1,5 +1,6 @@
 """Files and texts as a report writes them: whole files, numbers and tables."""
 
+import base64
 import json
 import re
 import tempfile
@@ -7,10 +8,17 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from jinja2 import Environment, PackageLoader, select_autoescape
+
 Row: TypeAlias = Sequence[Any]  #: cells of a table
 
 _EXPONENTIAL = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)e([-+−]\d+)\b")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def render(template: str, **values: Any) -> str:
+    """Fill one of the files in ``templates``."""
+    return _TEMPLATES.get_template(template).render(values)
 
 
 def studies(folder: Path, ending: str) -> list[Path]:
@@ -33,6 +41,11 @@ def write(path: Path, text: str) -> None:
         part = Path(folder, path.name)
         part.write_text(text, encoding="utf-8", newline="\n")
         part.replace(path)
+
+
+def plain(text: str) -> str:
+    """Return a text of a terminal without its colours."""
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)
 
 
 def to_json(records: Any) -> str:
@@ -84,3 +97,14 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
 
 def _cell(value: Any) -> str:
     return powers(str(value)).replace("|", r"\|").replace("\n", " ")
+
+
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()
+
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("reportkit"), autoescape=select_autoescape(), trim_blocks=True,
+    lstrip_blocks=True, keep_trailing_newline=True,
+)  # fmt: skip
+_TEMPLATES.filters |= {"base64": _base64, "cell": _cell, "number": number, "plain": plain}

@@ -6,13 +6,12 @@ import platform
 import re
 import time
 import timeit
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,8 +26,8 @@ Clock = Callable[[], float]
 RESOLUTIONS = 100
 #: Packages whose versions matter for a time.
 PACKAGES = ("numpy", "numba", "scipy", "scikit-sundae")
-#: Clocks of processor time; the first one counts helper threads as well.
-CLOCKS: dict[str, Clock] = {"process_time": time.process_time, "thread_time": time.thread_time}
+#: Columns of `Timing.frame`.
+COLUMNS = ["repetition", "place", "function", "calls", "seconds"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +66,10 @@ class Timing:
         They are the order statistics between which the median lies with that probability; NaN if
         there are fewer than six repetitions.
         """
-        from scipy.stats import binom  # slow to import
+        from scipy.stats import quantile_test  # slow to import
 
-        ratios = np.sort(self.of(name) / self.of(to))
-        k = int(binom.ppf(0.025, ratios.size, 0.5))
-        return [float(ratios[k - 1]), float(ratios[-k])] if k else [np.nan, np.nan]
+        limits = quantile_test(self.of(name) / self.of(to), p=0.5).confidence_interval(0.95)
+        return [float(limit) for limit in limits]
 
 
 def measure(
@@ -79,7 +77,7 @@ def measure(
     repetitions: int = 7,
     *,
     shortest: float = 1e-3,
-    clocks: Mapping[str, Clock] = CLOCKS,
+    clock: Clock = time.process_time,
     warm_up: bool = True,
     enough: Callable[[Timing], bool] = lambda _: False,
 ) -> Timing:
@@ -98,8 +96,8 @@ def measure(
         Measurements of each function.
     shortest : float
         s, least duration of a measurement.
-    clocks : mapping of name to clock
-        The first is taken unless another is more than twice as fine; then the finest.
+    clock : callable, optional
+        By default that of the process, which counts helper threads as well.
     warm_up : bool
         False if the functions have been called already.
     enough : callable, optional
@@ -119,24 +117,14 @@ def measure(
         raise ValueError(f"{given}; at least 1 is needed")
     for function in functions.values() if warm_up else ():
         function()
-    with alone():
-        return _measured(functions, repetitions, shortest, clocks, enough)
+    random, counts = np.random.default_rng(0), dict.fromkeys(functions, 1)
+    tick, rows = resolution(clock), list[list[object]]()
+    least = max(shortest, RESOLUTIONS * tick)
 
+    def measured() -> Timing:
+        return Timing(pd.DataFrame(rows, columns=COLUMNS), clock.__name__, tick)
 
-def _measured(
-    functions: Mapping[str, Callable[[], object]],
-    repetitions: int,
-    shortest: float,
-    clocks: Mapping[str, Clock],
-    enough: Callable[[Timing], bool],
-) -> Timing:
-    resolutions = {name: resolution(clock) for name, clock in clocks.items()}
-    first = next(iter(clocks))
-    chosen = min(clocks, key=lambda name: resolutions[name] * (1 if name == first else 2))
-    clock, least = clocks[chosen], max(shortest, RESOLUTIONS * resolutions[chosen])
-    random, counts, rows = np.random.default_rng(0), dict.fromkeys(functions, 1), []
-    gc.freeze()  # existing objects are not searched in every collection
-    try:
+    with alone(), _frozen():
         for n in tqdm(range(repetitions), unit="rounds"):
             gc.collect()
             for place, name in enumerate(random.permutation(list(functions)).tolist()):
@@ -144,16 +132,19 @@ def _measured(
                 while (total := timer.timeit(counts[name])) < least:
                     counts[name] *= 2
                 rows.append([n, place, name, counts[name], total / counts[name]])
-            if n % 10 == 9 and enough(_timing(rows, chosen, resolutions)):
+            if n % 10 == 9 and enough(measured()):
                 break
+    return measured()
+
+
+@contextmanager
+def _frozen() -> Iterator[None]:
+    """Leave the objects that exist out of every search for garbage."""
+    gc.freeze()
+    try:
+        yield
     finally:
         gc.unfreeze()
-    return _timing(rows, chosen, resolutions)
-
-
-def _timing(rows: list[list[Any]], clock: str, resolutions: Mapping[str, float]) -> Timing:
-    columns = ["repetition", "place", "function", "calls", "seconds"]
-    return Timing(pd.DataFrame(rows, columns=columns), clock, resolutions[clock])
 
 
 def resolution(clock: Clock, samples: int = 100) -> float:
@@ -191,6 +182,13 @@ def computer() -> str:
     return f"{processor()}, {os.cpu_count()} processors, {platform.system()} {platform.machine()}"
 
 
+def installed(name: str) -> str:
+    """Return the version of a package, or an empty text if it is not installed."""
+    with suppress(metadata.PackageNotFoundError):
+        return metadata.version(name)
+    return ""
+
+
 def machine(packages: Sequence[str] = PACKAGES) -> pd.DataFrame:
     """Return computer, software and load as a table of one row.
 
@@ -199,10 +197,7 @@ def machine(packages: Sequence[str] = PACKAGES) -> pd.DataFrame:
     packages : sequence of str
         Packages whose versions matter; those that are not installed are left out.
     """
-    versions = []
-    for name in packages:
-        with suppress(metadata.PackageNotFoundError):
-            versions.append(f"{name} {metadata.version(name)}")
-    software = ", ".join([f"Python {platform.python_version()}", *versions])
+    versions = {"Python": platform.python_version()} | {name: installed(name) for name in packages}
+    software = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
     load = f"{os.getloadavg()[0]:.1f}"
     return pd.DataFrame([{"machine": computer(), "software": software, "load": load}])

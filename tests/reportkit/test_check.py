@@ -1,5 +1,9 @@
 """Tests of the comparison with what is expected, through the command that makes it."""
 
+import errno
+import os
+import shutil
+
 import pytest
 
 from reportkit.check import load_all
@@ -106,11 +110,20 @@ def test_missing_and_new_values_and_notebooks_are_told(folders, capsys):
     assert sorted(path.name for path in expected.iterdir()) == ["50_x.json", "52_new.json"]
 
 
-def test_first_expectations_are_what_was_built(folders, tmp_path):
-    new = "--expected", tmp_path / "none" / "expected"
-    assert check(*new) == 1
-    assert check(*new, "--update") == 0
-    assert check(*new, "--results", folders[0]) == 0
+def test_first_expectations_are_what_was_built(folders):
+    shutil.rmtree(folders[1])
+    assert check() == 1
+    assert check("--update") == 0
+    assert check() == 0
+
+
+def test_expectations_that_cannot_be_written_are_told(folders, capsys, monkeypatch):
+    def write(path, text):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), path.name)
+
+    monkeypatch.setattr("reportkit.text.write", write)
+    assert check("--update") == 2
+    assert capsys.readouterr().err == "toy check: [Errno 30] Read-only file system: '50_x.json'\n"
 
 
 @pytest.mark.parametrize("text", ["", "[]", "[3]", '{"a": 1}', '{"a": {"value": 1}}'])

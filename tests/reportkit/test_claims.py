@@ -15,6 +15,7 @@ from reportkit.claims import (
     Test,
     Verdicts,
 )
+from reportkit.program import run
 from reportkit.text import to_json
 
 RECORDS = {
@@ -103,7 +104,7 @@ def test_a_correction_that_holds_agrees_with_a_reading_that_holds():
 def test_every_reading_of_a_claim_stands_in_its_card_with_criterion_and_value():
     gain = Test("10_a::gain", equals=1014.0, tolerance=0.5, format=".1f", what="gain")
     one = read(gain, strict=Test("10_a::gain", below=1000, format=".0f"))
-    card = Verdicts([one], RECORDS).page().splitlines()
+    card = Verdicts([one], RECORDS).render("verdicts.md").strip().splitlines()
     assert card == [
         "## ◐ Depends on the reading: 1",
         "",
@@ -135,7 +136,7 @@ def test_criteria_have_the_digits_of_their_source_and_minus_signs():
 def test_the_page_is_grouped_by_verdict_and_each_card_tells_how_often_it_was_computed():
     opinions = {"10_a::gain": ["by hand"], "10_a::order": ["by hand", "by another program"]}
     claims_ = [claim(Test("10_a::gain", above=1.0)), claim(FALSE), claim(untestable=True, note="n")]
-    page = Verdicts(claims_, RECORDS, opinions=opinions).page().splitlines()
+    page = Verdicts(claims_, RECORDS, opinions=opinions).render("verdicts.md").splitlines()
     told = [line for line in page if line.startswith(("## ", "Computed"))]
     assert told == [
         "## ✗ Refuted: 1",
@@ -146,21 +147,23 @@ def test_the_page_is_grouped_by_verdict_and_each_card_tells_how_often_it_was_com
     ]
     # the one that was computed least often counts
     both = claim(Test("10_a::gain", above=1.0), TRUE)
-    page = Verdicts([both], RECORDS, opinions=opinions).page()
+    page = Verdicts([both], RECORDS, opinions=opinions).render("verdicts.md")
     assert "Computed twice: by the notebook; by another program; by hand." in page
     timed = {"10_a": {"order": {"value": 4, "unit": "1", "compared": False}}}
-    assert "once: by the notebook, a measured time." in Verdicts([claim(TRUE)], timed).page()
+    assert "once: by the notebook, a measured time." in Verdicts([claim(TRUE)], timed).render(
+        "verdicts.md"
+    )
 
 
 def test_a_changed_choice_that_turns_a_claim_is_named():
     found = Verdicts([claim(TRUE)], RECORDS, turned={"name": ["$K$ halved"]})
-    assert "The verdict changes with one of our choices: $K$ halved." in found.page()
-    assert found.summary() == "Of 1 claims, 1 depends on the reading.\n"
+    assert "The verdict changes with one of our choices: $K$ halved." in found.render("verdicts.md")
+    assert found.render("verdicts-summary.md") == "Of 1 claims, 1 depends on the reading.\n"
 
 
 def test_the_summary_counts():
     some = [claim(TRUE), claim(TRUE), claim(FALSE), read(TRUE, o=FALSE), read(FALSE, o=TRUE)]
-    assert Verdicts(some, RECORDS).summary() == (
+    assert Verdicts(some, RECORDS).render("verdicts-summary.md") == (
         "Of 5 claims, 1 is refuted, 2 depend on the reading and 2 are confirmed.\n"
     )
 
@@ -171,7 +174,7 @@ def test_the_list_has_every_claim_below_its_verdict():
         claim(FALSE, name="b", note="why"),
         claim(TRUE, name="c", note="not told"),
     ]
-    assert Verdicts(some, RECORDS).listed("/book").splitlines() == [
+    assert Verdicts(some, RECORDS).render("verdicts-list.md", "/book").strip().splitlines() == [
         ":::{div} verdict verdict-refuted",
         "**✗ 1 refuted**",
         "",
@@ -234,7 +237,7 @@ def test_verdicts_are_written_beside_the_results(project, monkeypatch):
     project.results.mkdir(parents=True)
     complete = {name: record | {"tolerance": None} for name, record in RECORDS["10_a"].items()}
     (project.results / "10_a.json").write_text(to_json(complete))
-    assert claims.main([str(project.results)]) == 0
+    claims.main(project.results)
     written = {path.name: path.read_text() for path in project.results.glob("verdicts*")}
     assert sorted(written) == [
         "verdicts-list.md",
@@ -258,7 +261,7 @@ def test_a_missing_value_is_an_error_that_names_it(project, monkeypatch, capsys)
     project.claims.write_text(CLAIMS)
     project.results.mkdir(parents=True)
     (project.results / "10_a.json").write_text("{}")
-    assert claims.main([str(project.results)]) == 1
+    assert run(claims.main, [str(project.results)]) == 1
     assert "needs 10_a::gain, which is not recorded" in capsys.readouterr().err
     assert not list(project.results.glob("verdicts*"))
 
@@ -285,5 +288,5 @@ def test_malformed_claims_are_refused(make, message):
 def test_an_unknown_key_is_refused(tmp_path):
     path = tmp_path / "claims.toml"
     path.write_text('[[claim]]\nname = "a"\nwhere = "b"\ntext = "c"\npage = "d"\nwhy = "e"\n')
-    with pytest.raises(ClaimError, match=r"^a: .*why"):
+    with pytest.raises(ClaimError, match=r"^claims.toml, a: .*why"):
         claims.load(path)

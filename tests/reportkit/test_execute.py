@@ -13,8 +13,9 @@ import nbformat
 import pytest
 
 from reportkit import execute as module
-from reportkit.execute import NotebookError, execute, main
+from reportkit.execute import NotebookError, execute
 from reportkit.locks import LOCK_VARIABLE, locked
+from reportkit.program import run
 
 STUDY = """
 import sys
@@ -116,7 +117,7 @@ def test_failure_names_its_place_and_leaves_what_was(notebook, tmp_path, capsys)
     execute(notebook(STUDY), results)
     before = contents(results)
     broken = notebook(STUDY.replace("1.0", "2.0"), "import json\njson.loads('?')")
-    assert main([str(broken), str(results)]) == 1
+    assert run(module.main, [str(broken), str(results)]) == 1
     message = capsys.readouterr().err
     for part in ("50_trial.ipynb failed in its code cell 3", "json.loads('?')", "JSONDecodeError:"):
         assert part in message
@@ -153,16 +154,22 @@ def test_kernel_that_dies_before_it_answers_is_an_error_of_one_line(
     spec = {"argv": [sys.executable, "-c", code], "display_name": "", "language": "python"}
     monkeypatch.setattr(ipykernel.kernelspec, "get_kernel_dict", lambda: spec)
     source = notebook()
-    assert main([str(source), str(tmp_path / "results")]) == 1
-    assert capfd.readouterr().err == f"\n{source} failed: its Python did not start: {why}\n\n"
+    assert run(module.main, [str(source), str(tmp_path / "results")]) == 1
+    assert capfd.readouterr().err == f"{source} failed: its Python did not start: {why}\n"
     assert contents(tmp_path / "results") == {}
 
 
 def test_folder_that_cannot_be_made_is_an_error_of_one_line(notebook, capfd):
     source = notebook()
-    assert main([str(source), str(source / "results")]) == 1
+    assert run(module.main, [str(source), str(source / "results")]) == 1
     (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith(f"{source}: [Errno ")
+    assert line.startswith("[Errno ")
+    assert line.endswith(f"{source / 'results'}'")
+
+
+def test_usage_is_told(capsys):
+    assert run(module.main, ["one.ipynb"]) == 2
+    assert capsys.readouterr().err == "usage: python -m reportkit.execute SOURCE RESULTS\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -202,7 +209,7 @@ assert others()
 def test_a_notebook_that_measures_has_the_machine_alone_meanwhile(notebook, tmp_path):
     """Its kernel turns the lock that it shares with other notebooks into one of its own."""
     source = notebook(MEASURING.format(folder=str(tmp_path)))
-    assert main([str(source), str(tmp_path / "results")]) == 0
+    assert run(module.main, [str(source), str(tmp_path / "results")]) == 0
     assert '"alone\\n"' in (tmp_path / "results" / source.name).read_text()
     with locked(tmp_path, wait=False):
         assert LOCK_VARIABLE not in os.environ

@@ -58,33 +58,33 @@ def committed(folder):
 @pytest.mark.parametrize("change", ["pyproject.toml", "new.txt"])
 def test_report_in_a_repository_tells_the_commit_and_changes(toy, change):
     head = committed(toy.root)
-    assert provenance.commit_of(toy.root) == (head, False)
+    assert provenance.commit_of(toy.root)[:2] == (head, False)
     assert provenance.software(toy)[0] == ("toy", f"not installed, commit {head[:7]}")
     (toy.root / change).write_text("another")
-    assert provenance.commit_of(toy.root) == (head, True)
+    assert provenance.commit_of(toy.root)[:2] == (head, True)
     assert provenance.software(toy)[0] == ("toy", f"not installed, commit {head[:7]} with changes")
 
 
 def test_repository_of_others_is_not_told(toy, tmp_path, monkeypatch):
     committed(tmp_path)
-    assert provenance.commit_of(toy.root) == ("", None)
+    assert provenance.commit_of(toy.root) == ("", None, "")
     monkeypatch.setenv("GIT_DIR", str(tmp_path / ".git"))  # as in a hook of that repository
     monkeypatch.setenv("GIT_WORK_TREE", str(toy.root))
-    assert provenance.commit_of(toy.root) == ("", None)
+    assert provenance.commit_of(toy.root) == ("", None, "")
     assert provenance.software(toy)[0] == ("toy", "not installed")
 
 
 def test_export_tells_the_commit_it_was_made_of(toy, tmp_path):
     for name in (".gitattributes", provenance.ARCHIVED):
         shutil.copy(ROOT / name, toy.root)
-    assert provenance.commit_of(toy.root) == ("", None)  # a copy without a repository
+    assert provenance.commit_of(toy.root) == ("", None, "")  # a copy without a repository
     head = committed(toy.root)
     git(toy.root, "archive", "--output", tmp_path / "export.tar", "HEAD")
     with tarfile.open(tmp_path / "export.tar") as archive:
         archive.extractall(tmp_path / "export", filter="data")
-    assert provenance.commit_of(tmp_path / "export") == (head, None)
+    assert provenance.commit_of(tmp_path / "export") == (head, None, "")
     committed(tmp_path)  # nor is the export a part of another repository
-    assert provenance.commit_of(tmp_path / "export") == (head, None)
+    assert provenance.commit_of(tmp_path / "export") == (head, None, "")
 
 
 def test_kept_are_commit_lock_and_versions(toy):
@@ -107,14 +107,14 @@ def test_kept_are_commit_lock_and_versions(toy):
 def test_installed_report_tells_what_its_extra_requires(toy, monkeypatch):
     wanted = ["numpy>=1", "click; extra == 'book'", "pytest; extra == 'dev'"]
     monkeypatch.setattr(provenance.metadata, "requires", lambda name: wanted)
-    monkeypatch.setattr(provenance.metadata, "version", lambda name: f"version of {name}")
+    monkeypatch.setattr(provenance, "installed", lambda name: f"version of {name}")
     object.__setattr__(toy, "extra", "book")
     assert [name for name, _ in provenance.software(toy)] == ["toy", "Python", "click", "numpy"]
 
 
 def test_all_parts_are_written(toy, monkeypatch):
     monkeypatch.chdir(toy.root)
-    assert provenance.main([str(toy.results)]) == 0
+    provenance.main(toy.results)
     written = {path.name[9:]: path.read_text() for path in toy.results.glob("appendix-*[!p]")}
     digest = hashlib.sha256(b"1,2\n").hexdigest()
     assert written["SHA256SUMS"] == f"{digest}  data/own/a.csv\n"
@@ -132,15 +132,15 @@ def test_all_parts_are_written(toy, monkeypatch):
 
 
 def test_version_ends_with_the_date_of_the_commit(toy):
-    assert provenance.version(toy) == "not installed"
     git = ["git", "-C", str(toy.root), "-c", "user.name=A", "-c", "user.email=a@b.invalid"]
     subprocess.run([*git, "init", "-q"], check=True)
     subprocess.run([*git, "add", "pyproject.toml"], check=True)
     dates = {"GIT_COMMITTER_DATE": "2026-02-03T12:00:00Z", "PATH": os.environ["PATH"]}
     subprocess.run([*git, "commit", "-qm", "first"], check=True, env=dates)
-    told = provenance.version(toy)
-    assert told.startswith("not installed, commit ")
-    assert told.endswith(", 2026-02-03")
+    provenance.write(toy, toy.results)
+    told = (toy.results / "appendix-version.md").read_text()
+    assert told.startswith("**Version** not installed, commit ")
+    assert told.endswith(", 2026-02-03\n")
 
 
 def test_bundle_has_the_results_of_all_notebooks_and_is_the_same_each_time(toy, tmp_path):

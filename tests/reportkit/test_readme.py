@@ -17,10 +17,11 @@ import nbformat
 import pytest
 
 import reportkit
-from reportkit import start
 from reportkit.pdf import BROWSERS
 
-TEXT = (Path(reportkit.__file__).parent / "README.md").read_text(encoding="utf-8")
+PACKAGE = Path(reportkit.__file__).parent
+STARTER = PACKAGE / "starter"
+TEXT = (PACKAGE / "README.md").read_text(encoding="utf-8")
 BLOCK = re.compile(
     r"^(?:`(?P<file>\S+)`:\n\n)?(?P<fence>```+)(?P<kind>\w+)\n(?P<body>.*?)^(?P=fence)$",
     re.DOTALL | re.MULTILINE,
@@ -28,7 +29,7 @@ BLOCK = re.compile(
 BLOCKS = [block.groupdict() for block in BLOCK.finditer(TEXT)]
 ROOT = Path(__file__).parents[2]
 #: What the package is made of; a clone has it, but an export is no repository to clone.
-PACKAGE = "environment.txt pyproject.toml README.md LICENSE src data".split()
+SOURCES = "environment.txt pyproject.toml README.md LICENSE src data".split()
 #: Stands for python3: an environment that it makes sees the locked packages. Python 3.11 puts an
 #: old setuptools into a new one.
 PYTHON = """#!/bin/sh
@@ -51,7 +52,7 @@ def report(tmp_path_factory):
     text = PYTHON.format(python=sys.executable, packages=packages, version=version)
     (tools / "python3").write_text(text)
     (tools / "python3").chmod(0o755)
-    for name in PACKAGE:
+    for name in SOURCES:
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         (origin / name).parent.mkdir(exist_ok=True)
         copy(ROOT / name, origin / name)
@@ -77,26 +78,18 @@ def report(tmp_path_factory):
 
 
 def test_readme_shows_the_files_that_a_report_starts_with():
-    notebook = nbformat.read(start.STARTER / "notebooks" / "10_growth.ipynb", as_version=4)
+    notebook = nbformat.read(STARTER / "notebooks" / "10_growth.ipynb", as_version=4)
     code = [f"{cell.source}\n" for cell in notebook.cells if cell.cell_type == "code"]
     assert code == [block["body"] for block in BLOCKS if block["kind"] == "python"]
     shown = {block["file"]: block["body"] for block in BLOCKS if block["file"]}
     assert len(shown) == 3
     for name, body in shown.items():
-        assert (start.STARTER / name).read_text(encoding="utf-8") == body
-
-
-def test_nothing_is_overwritten(tmp_path, capsys):
-    (tmp_path / "index.md").write_text("mine")
-    assert start.main([str(tmp_path)]) == 2
-    assert "index.md exists already" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["index.md"]
-    assert start.main([]) == 2
+        assert (STARTER / name).read_text(encoding="utf-8") == body
 
 
 def test_report_runs_in_its_own_environment(report):
     (library,) = (report / ".venv" / "lib").glob("python*/site-packages")
-    assert (library / "reportkit" / "start.py").is_file()
+    assert (library / "reportkit" / "cli.py").is_file()
     page = (report / "_build" / "html" / "book" / "growth.html").read_text(encoding="utf-8")
     assert sys.prefix not in page
 

@@ -40,7 +40,7 @@ def machine():
 
 
 def measured(machine, functions, **options):
-    return measure(functions, clocks={"fake": machine.clock}, **options)
+    return measure(functions, clock=machine.clock, **options)
 
 
 def test_times_are_those_of_one_call(machine):
@@ -49,7 +49,7 @@ def test_times_are_those_of_one_call(machine):
     assert len(found.frame) == 5 * 2
     assert found.median == pytest.approx({"slow": 0.3, "fast": 0.1}, rel=1e-4)
     assert found.ratios("slow", to="fast") == pytest.approx((3, 3, 3), rel=1e-4)
-    assert found.clock == "fake"
+    assert found.clock == "clock"
     assert found.resolution == pytest.approx(1e-6)
 
 
@@ -141,22 +141,6 @@ def test_frame_keeps_every_measurement(machine):
     assert list(frame["repetition"]) == [0, 0, 1, 1, 2, 2]
     assert list(frame["place"]) == [0, 1] * 3
     assert set(frame["seconds"].round(4)) == {0.5, 0.25}
-
-
-def test_finest_clock_is_taken_if_it_is_much_finer(machine):
-    def ticking(tick):
-        def clock():
-            machine.now += tick
-            return machine.now
-
-        return clock
-
-    def chosen(first, second):
-        clocks = {"first": ticking(first), "second": ticking(second)}
-        return measure({"f": machine.function("f", 1.0)}, 1, clocks=clocks).clock
-
-    assert chosen(1.5e-6, 1e-6) == "first"
-    assert chosen(1e-2, 1e-6) == "second"
 
 
 def test_resolution_passes_over_equal_readings():

@@ -2,14 +2,28 @@
 
 from typing import Any
 
+from docutils import nodes
 from sphinx.application import Sphinx
 
-#: Each has a subject of its own, and can be used without the others.
-PARTS = ("chapters", "figures", "links", "looks", "search", "sharing")
+from reportkit.sphinx_extension import chapters, figures, links, looks, search, sharing
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Set up all parts."""
-    for part in PARTS:
-        app.setup_extension(f"{__name__}.{part}")
+    """Connect everything to Sphinx."""
+    app.add_directive("again", chapters.Again)
+    app.add_generic_role("minutes", chapters.Minutes)
+    app.add_post_transform(chapters.CountWords)
+    app.add_post_transform(links.LinkSources)
+    app.add_node(nodes.citation, override=True, html=(looks.visit_citation, looks.depart_citation))
+    app.connect("config-inited", sharing.find_address)
+    # before Sphinx collects the images and the files to download
+    app.connect("doctree-read", figures.link_data, priority=100)
+    app.connect("doctree-read", figures.add_dark_versions, priority=200)
+    app.connect("doctree-read", links.name_cells)
+    app.connect("doctree-resolved", looks.set_numbers)
+    app.connect("doctree-resolved", search.collect_sections)
+    app.connect("html-page-context", looks.add_assets)
+    app.connect("html-page-context", search.load_sections)
+    app.connect("html-page-context", sharing.describe)
+    app.connect("build-finished", search.write_sections)
     return {"version": "1", "parallel_read_safe": True}

@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 from docutils import nodes
 from sphinx import addnodes
@@ -45,10 +44,3 @@ def add_dark_versions(app: Sphinx, doctree: nodes.document) -> None:
             image.replace_self(both)
             image["classes"].append("only-light")
             both += [image, copy]
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx, before it collects the images and the files to download."""
-    app.connect("doctree-read", link_data, priority=100)
-    app.connect("doctree-read", add_dark_versions, priority=200)
-    return {"version": "1", "parallel_read_safe": True}

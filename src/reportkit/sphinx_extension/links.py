@@ -22,25 +22,17 @@ _MADE_BY = re.compile(r"(\d\d_\w+)-([\w-]+)\.(svg|md)")
 
 
 @lru_cache(maxsize=64)
-def _cells(notebook: Path) -> list[dict[str, Any]]:
-    return json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-
-
-def _anchor(notebook: Path, cell: dict[str, Any]) -> str:
-    # with the name, since all notebooks may be on one page; a letter first, as in a CSS selector
-    return f"in-{notebook.stem}-{cell['id']}"
-
-
-@lru_cache(maxsize=64)
-def recording_cells(notebook: Path) -> dict[str, str]:
-    """Return for each value, figure and table of an executed notebook the anchor of its cell."""
-    found = {}
-    for cell in _cells(notebook):
+def read_anchors(notebook: Path) -> tuple[list[str], dict[str, str]]:
+    """Return the anchors of the cells of a notebook, and of what each has recorded by its name."""
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    # with the stem, since all notebooks may be on one page; a letter first, as in a CSS selector
+    anchors, makers = [f"in-{notebook.stem}-{cell['id']}" for cell in cells], {}
+    for anchor, cell in zip(anchors, cells, strict=True):
         for output in cell.get("outputs", ()):
             told = output.get("metadata", {})
             if name := told.get("scrapbook", told).get("name"):
-                found[name] = _anchor(notebook, cell)
-    return found
+                makers[name] = anchor
+    return anchors, makers
 
 
 class LinkSources(SphinxPostTransform):
@@ -67,7 +59,7 @@ class LinkSources(SphinxPostTransform):
 
     def _link(self, notebook: str, key: str, name: str, kind: str) -> nodes.reference | None:
         path = Path(self.env.doc2path(notebook))
-        cell = recording_cells(path).get(key) if path.suffix == ".ipynb" else None
+        cell = read_anchors(path)[1].get(key) if path.suffix == ".ipynb" else None
         if cell is None:
             return None
         address = f"{self.app.builder.get_relative_uri(self.env.docname, notebook)}#{cell}"
@@ -117,14 +109,7 @@ def _quoted(env: BuildEnvironment, page: str) -> set[str]:
 def name_cells(app: Sphinx, doctree: nodes.document) -> None:
     """Give the cells of a notebook their ids, to be linked to."""
     if _is_notebook(app.env, app.env.docname):
-        notebook = Path(app.env.doc2path(app.env.docname))
+        anchors, _ = read_anchors(Path(app.env.doc2path(app.env.docname)))
         for node in doctree.findall(nodes.container):
             if node.get("nb_element") == "cell_code":
-                node["ids"].append(_anchor(notebook, _cells(notebook)[node["cell_index"]]))
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx."""
-    app.add_post_transform(LinkSources)
-    app.connect("doctree-read", name_cells)
-    return {"version": "1", "parallel_read_safe": True}
+                node["ids"].append(anchors[node["cell_index"]])

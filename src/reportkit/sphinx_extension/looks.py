@@ -24,6 +24,9 @@ def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
     self.body.append(self.starttag(node, "div", CLASS="citation", role="listitem"))
 
 
+depart_citation = HTMLTranslator.depart_citation
+
+
 def add_assets(app: Sphinx, page: str, template: str, context: Any, doctree: Any) -> None:
     """Load the scripts and styles that a page names in its front matter under ``assets``.
 
@@ -36,12 +39,3 @@ def add_assets(app: Sphinx, page: str, template: str, context: Any, doctree: Any
             app.add_js_file(name, loading_method="defer")
         else:
             app.add_css_file(name)
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx."""
-    visitors = visit_citation, HTMLTranslator.depart_citation
-    app.add_node(nodes.citation, override=True, html=visitors)
-    app.connect("doctree-resolved", set_numbers)
-    app.connect("html-page-context", add_assets)
-    return {"version": "1", "parallel_read_safe": True}

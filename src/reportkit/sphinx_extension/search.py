@@ -35,11 +35,3 @@ def load_sections(app: Sphinx, page: str, *_: Any) -> None:
     """Load the script that names the sections of search results, on the page of the search."""
     if page == "search":
         app.add_js_file("sections.js")
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx."""
-    app.connect("doctree-resolved", collect_sections)
-    app.connect("html-page-context", load_sections)
-    app.connect("build-finished", write_sections)
-    return {"version": "1", "parallel_read_safe": True}

@@ -1,7 +1,6 @@
 """Descriptions of pages for search engines and other sites."""
 
 import textwrap
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.config import Config
 
+from reportkit import text
 from reportkit.project import Project, read_toml
 
 #: Picture in a static folder that other sites show beside a link to the book.
@@ -32,24 +32,14 @@ def describe(
     first = next((one for one in paragraphs if "quoted" not in one["classes"]), None)
     if first is None:
         return
-    text = textwrap.shorten(first.astext(), 200, placeholder=" …")
-    tags = {
-        "og:type": "website" if page == app.config.root_doc else "article",
-        "og:site_name": app.config.html_title or app.config.project,
-        "og:title": app.env.titles[page].astext(),
-        "og:description": text,
-    }
-    if base := app.config.html_baseurl:
-        tags["og:url"] = context["pageurl"]
-    if any(Path(app.confdir, folder, CARD).is_file() for folder in app.config.html_static_path):
-        tags["og:image"] = (base or context["pathto"]("", 1)) + f"_static/{CARD}"
-    lines = [f'<meta name="description" content="{escape(text)}">']
-    lines += [f'<meta property="{name}" content="{escape(value)}">' for name, value in tags.items()]
-    context["metatags"] = "\n".join([context["metatags"], *lines, ""])
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect to Sphinx."""
-    app.connect("config-inited", find_address)
-    app.connect("html-page-context", describe)
-    return {"version": "1", "parallel_read_safe": True}
+    base = app.config.html_baseurl
+    has_card = any(Path(app.confdir, one, CARD).is_file() for one in app.config.html_static_path)
+    context["metatags"] += text.render(
+        "sharing.html",
+        description=textwrap.shorten(first.astext(), 200, placeholder=" …"),
+        type="website" if page == app.config.root_doc else "article",
+        site=app.config.html_title or app.config.project,
+        title=app.env.titles[page].astext(),
+        address=base and context["pageurl"],
+        picture=has_card and (base or context["pathto"]("", 1)) + f"_static/{CARD}",
+    )
