@@ -277,6 +277,24 @@ def test_what_numba_cannot_compile_is_one_line(equations, successor, message):
     assert "\n" not in str(refused.value)
 
 
+def half(mode, guard, side, z, constants):
+    return mode + side / 2
+
+
+def nothing(mode, guard, side, z, constants):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("successor", "returned"),
+    [(half, "half returns a float64"), (nothing, "nothing returns a none")],
+)
+def test_the_next_mode_is_an_integer(successor, returned):
+    system = System(probe, successor, guards=2, matrices=1)
+    with pytest.raises(TypeError, match=f"{returned} as the next mode; an integer is needed"):
+        system.solve([1.0, 0.0], 0, (0.0, 1.0), constants=(0, 1.0))
+
+
 def test_code_of_a_notebook_is_found_by_the_next_kernel(tmp_path, monkeypatch):
     """A cell is compiled from a file that does not exist and is named after the process."""
     monkeypatch.setattr(machine_code.config, "CACHE_DIR", str(tmp_path))
@@ -303,12 +321,13 @@ def test_code_of_a_notebook_is_found_by_the_next_kernel(tmp_path, monkeypatch):
         ({"z0": "rest"}, "z0 = 'rest': real numbers are needed"),
         ({"z0": []}, "z0 = .*: one row"),
         ({"mode": 1.0}, "mode = 1.0 is a float; an integer is needed"),
-        ({"t_span": 3.0}, "t_span = 3.0: one row of finite numbers"),
-        ({"t_span": (0.0, 1.0, 2.0)}, "t_span = .* must be finite and rise"),
+        ({"t_span": 3.0}, "t_span = 3.0: one row of 2 finite numbers"),
+        ({"t_span": (0.0, 1.0, 2.0)}, "t_span = .*: one row of 2 finite numbers"),
+        ({"t_span": (1.0, 0.0)}, "t_span = .* must rise"),
         ({"inputs": []}, "inputs = .*: pairs .time, input. are needed"),
         ({"inputs": 5.0}, "inputs = 5.0: pairs .time, input. are needed"),
         ({"inputs": [(0.0, "on")]}, "inputs = .*: pairs .time, input. are needed"),
-        ({"inputs": [([0.0], 1.0)]}, "times of inputs = .*: one row of finite numbers"),
+        ({"inputs": [([0.0], 1.0)]}, "times of inputs = .*: one row of one or more finite"),
         ({"constants": {"mass": 1.0}}, "numba cannot compile probe .*: Cannot determine .* 'dict'"),
         ({"max_events": -1}, "max_events = -1 is not allowed"),
     ],
