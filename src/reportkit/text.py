@@ -86,7 +86,7 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
     heading : sequence
         Headings of the columns.
     rows : iterable of sequences
-        Cells; a bar in one is escaped, a line break becomes a space.
+        Cells; a bar in one is escaped, a line break becomes a space, and ``5e-06`` a formula.
     right : iterable of int
         Numbers of the columns that are set flush right.
     """
