@@ -10,8 +10,8 @@ document.addEventListener("DOMContentLoaded", () => {
 
 // What scrolls sideways is to be reached by the keyboard, like the tables and the code of the theme.
 const reach = () => {
-  for (const plan of document.querySelectorAll("figure.plan")) {
-    plan.tabIndex = plan.scrollWidth > plan.clientWidth ? 0 : -1;
+  for (const wide of document.querySelectorAll("figure.plan, dt.sig")) {
+    wide.tabIndex = wide.scrollWidth > wide.clientWidth ? 0 : -1;
   }
 };
 addEventListener("load", reach);

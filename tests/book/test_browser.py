@@ -111,7 +111,10 @@ def test_page_reads_well(path, visit):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
     nothing_is_cut_off_on_a_phone(page)
-    # what scrolls can be reached by the keyboard
+    page.wait_for_function(  # what scrolls can be reached by the keyboard, after a moment
+        "[...document.querySelectorAll('pre, .pst-scrollable-table-container, .plan, .sig')]"
+        ".every(e => e.scrollWidth <= e.clientWidth || e.tabIndex == 0)"
+    )
     assert violations(page, context, ["scrollable-region-focusable"]) == []
     text_in_figures_is_legible_on_a_phone(page, path)
 
