@@ -6,6 +6,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
+from reportkit import figures
+
 RESOURCES = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src"}
 REMOTE = re.compile(r"(?:https?:)?//", re.IGNORECASE)
 
@@ -66,6 +68,16 @@ def test_images_are_vectors_and_say_what_they_show(page):
             assert attrs["src"].endswith(".svg"), attrs
             assert len(attrs.get("alt", "")) >= 15, attrs
             assert not re.search(r"\.(svg|png|jpe?g)$|_images/", attrs["alt"]), attrs
+
+
+def test_text_of_figures_has_a_colour_for_a_dark_page(page, path):
+    """The contrast of those colours is tested in tests/reportkit; a text with a halo needs none."""
+    for tag, attrs in page.article:
+        if tag == "img" and not attrs["src"].endswith("-dark.svg"):
+            drawing = target(path, attrs["src"]).read_text(encoding="utf-8")
+            texts = re.findall(r'<g id="text_\d+">(?:\s*<!--.*?-->)?\s*<g ([^>]*)>', drawing, re.S)
+            found = {fill[1] for text in texts if (fill := re.search(r"fill: (#\w+)", text))}
+            assert found <= set(figures.DARK), attrs["src"]
 
 
 #: A number with a decimal point or a unit.
