@@ -97,8 +97,8 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
 
 
 def _cell(value: Any) -> str:
-    plain = powers(str(value)).replace("|", r"\|").replace("\n", " ")
-    return re.sub(r"(?<=\d) (?=%)", "\u00a0", plain)
+    told = powers(str(value)).replace("|", r"\|").replace("\n", " ")
+    return re.sub(r"(?<=\d) (?=%)", "\u00a0", told)
 
 
 def _base64(text: str) -> str:
