@@ -7,3 +7,12 @@ document.addEventListener("DOMContentLoaded", () => {
     arrow.setAttribute("aria-label", "Show or hide the pages below");
   }
 });
+
+// What scrolls sideways is to be reached by the keyboard, like the tables and the code of the theme.
+const reach = () => {
+  for (const wide of document.querySelectorAll("figure.plan, dt.sig")) {
+    wide.tabIndex = wide.scrollWidth > wide.clientWidth ? 0 : -1;
+  }
+};
+addEventListener("load", reach);
+addEventListener("resize", reach);

@@ -16,7 +16,7 @@ from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 from scipy.spatial import ConvexHull
 
 from armbook.styles import COLOUR
-from reportkit.figures import FAINT, INK, save, styled
+from reportkit.figures import FAINT, INK, PHONE, PLAN, save, shade, styled
 
 Point = tuple[float, float]
 Space = tuple[float, float, float]
@@ -130,7 +130,7 @@ def block_diagram() -> Figure:
     # servo controller
     k_1 = s.block(66, row_a, 30, 26, "$K_1$")
     speed_error = s.total(110, row_a, left="+", bottom="-")
-    lead_lag = s.block(190, row_a, 110, 42, r"$\dfrac{1 + T_z s}{(1 + T_p s)(1 + T_r s)}$")
+    lead_lag = s.block(189, row_a, 114, 42, r"$\dfrac{1 + T_z s}{(1 + T_p s)(1 + T_r s)}$")
     limit_c = s.block(276, row_a, 34, 30, "limit")
     k_2 = s.block(110, 104, 30, 22, "$K_2$")
     k_t = s.block(110, 141, 30, 22, "$K_t$")
@@ -200,7 +200,7 @@ def block_diagram() -> Figure:
         (464, row_c - 10, "$y_0$"), (322, 377, "$F_s$"), (72, row_d - 9, "$U$"),
         (190, row_a + 31, "$y_4, y_5$"),
     ):  # fmt: skip
-        s.text(x, y, name, color="#00486f" if "y_" in name else INK)
+        s.text(x, y, name, color=shade(COLOUR["arm"]) if "y_" in name else INK)
     for box, name in (
         (limit_c, r"$\pm V_L$"), (limit_m, r"$\pm V_M$"), (backlash, r"$\pm H$"),
         (friction, r"$F_0, v$"), (hold, "5 ms"), (limit_u, r"$\pm$10 V"),
@@ -292,15 +292,15 @@ def arm_axes() -> Figure:
         s.arrow(*s.ring(centre, axis, 0.82, turn), color=COLOUR["motor"], lw=2)
         s.text(*s.at(*place), name)
     s.line([s.at(4.2, 0.8, 0.56), s.at(3.4, 0.8, -0.7)], lw=0.7, zorder=4)
-    s.text(*s.at(2.6, 0.8, -0.95), "rack and pinion", size=10)
-    s.text(*s.at(5.45, 5.4, 6.1), "wrist", size=10)
+    s.text(*s.at(2.6, 0.8, -1.05), "rack and pinion")
+    s.text(*s.at(5.45, 5.4, 6.1), "wrist")
     return s.figure
 
 
 def main(folder: Path = Path(__file__).parent) -> None:
     """Write both drawings into a folder, the same bytes each time."""
-    for draw in (arm_axes, block_diagram):
-        save(draw(), folder / f"{draw.__name__}.svg", legible=6)
+    for draw, shown in ((arm_axes, PHONE), (block_diagram, PLAN)):
+        save(draw(), folder / f"{draw.__name__}.svg", shown)
 
 
 if __name__ == "__main__":

@@ -97,7 +97,8 @@ def architecture(graph: Graph) -> Figure:
         for name, columns in floor.items():
             right = left + cell * columns
             box(left + 2, top + 2, right - left - 4, height - 8, fc=_TONES[name], alpha=0.09, lw=0)
-            ax.text(left + 28, top + 17, name, va="center", size=10.5, weight="bold")
+            ax.text(left + 28, top + 17, name, va="center", size=10.5, weight="bold",
+                    bbox={"fc": "white", "lw": 0, "pad": 1.5})  # fmt: skip
             for n, modules in enumerate(rows[name]):
                 y = top + head + row * (n + 0.5)
                 free = (right - left) / len(modules)
@@ -158,7 +159,7 @@ def main(results: Path) -> None:
     provenance.write(Project.find(Path(__file__)), results)
     text.write(results / "appendix-modules.md", modules_table(graph))
     text.write(results / "appendix-symbols.md", symbols_table())
-    figures.save(architecture(graph), results / "appendix-architecture.svg", legible=6)
+    figures.save(architecture(graph), results / "appendix-architecture.svg", figures.PLAN)
 
 
 if __name__ == "__main__":

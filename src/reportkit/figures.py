@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import matplotlib as mpl
 import numpy as np
 from IPython.core.getipython import get_ipython
+from matplotlib import _mathtext
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
@@ -34,7 +35,9 @@ PALETTE, DASHES = tuple(_CYCLE["color"]), tuple(_CYCLE["linestyle"])
 MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = STYLE["figure.figsize"][0]
 PAGE = "#121212"  #: a dark page
-PHONE, LEGIBLE = 343, 10  #: px, width of a figure on a phone and height of a text there
+PHONE, LEGIBLE = 328, 10  #: px, width of a figure on a phone and height of a text there
+PLAN = 576  #: px, least width of a figure of the class ``plan``, which scrolls on a phone
+SHRINK = 0.8  #: size of exponents and indices, as a share of the text around them
 
 
 def shade(colour: ColorType) -> str:
@@ -65,6 +68,7 @@ def use() -> None:
 def _set() -> None:
     mpl.rcdefaults()  # not what the user prefers in other figures
     mpl.rcParams.update(STYLE)
+    _mathtext.SHRINK_FACTOR = SHRINK  # 0.7 is too small on a phone, and no setting changes it
 
 
 @contextmanager
@@ -220,7 +224,7 @@ def direct_label(
     Parameters
     ----------
     line, text
-        A line with increasing abscissae, and its name.
+        A line whose abscissae increase or decrease, and its name.
     at
         Abscissa of the point beside which the name stands; by default the line's end.
     offset
@@ -228,28 +232,49 @@ def direct_label(
     """
     xs, ys = (np.asarray(data, dtype=float) for data in line.get_data())
     x = xs[-1] if at is None else at
-    y = float(np.interp(x, xs, ys))
+    rising = np.argsort(xs)
+    y = float(np.interp(x, xs[rising], ys[rising]))
     style: Any = {"textcoords": "offset points", "va": "center", "color": shade(line.get_color())}
     assert isinstance(line.axes, Axes)
     return line.axes.annotate(text, (x, y), offset, **style)
 
 
-def save(fig: Figure, path: str | Path, legible: float = LEGIBLE) -> None:
+def label_ends(ax: Axes, gap: float = 15.0) -> None:
+    """Write the label of each line beside its end, `gap` points apart where ends lie close.
+
+    The axes need their limits before.
+    """
+    fig = ax.get_figure(root=True)
+    assert fig is not None
+    fig.draw_without_rendering()  # the layout decides how high the axes are
+    lines = [line for line in ax.lines if not str(line.get_label()).startswith("_")]
+    points = np.array([np.asarray(line.get_xydata())[-1] for line in lines])
+    last = ax.transData.transform(points)[:, 1]
+    order, apart = np.argsort(last), gap * np.arange(len(lines))
+    ends = 72 / fig.dpi * last[order]
+    # no label below its end, and none above: half-way between the two
+    up = np.maximum.accumulate(ends - apart)
+    down = np.minimum.accumulate((ends - apart)[::-1])[::-1]
+    for n, move in zip(order, (up + down) / 2 + apart - ends, strict=True):
+        direct_label(lines[n], str(lines[n].get_label()), offset=(6, move))
+
+
+def save(fig: Figure, path: str | Path, shown: float = PHONE) -> None:
     """Write a figure as SVG on a transparent ground, the same bytes each time.
 
     Parameters
     ----------
     fig, path
         The figure and its file.
-    legible
-        Smallest text on a phone, in px.
+    shown
+        Width on a phone, in px.
 
     Raises
     ------
     ValueError
         If a text would be too small to read on a phone.
     """
-    least = legible * 72 * fig.get_figwidth() / PHONE
+    least = LEGIBLE * 72 * fig.get_figwidth() / shown
     for text in fig.findobj(Text):
         assert isinstance(text, Text)
         size = float(text.get_fontsize())

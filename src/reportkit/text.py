@@ -86,7 +86,8 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
     heading : sequence
         Headings of the columns.
     rows : iterable of sequences
-        Cells; a bar in one is escaped, a line break becomes a space.
+        Cells; a bar in one is escaped, a line break becomes a space, ``5e-06`` is
+        written as `powers` does, and a number stays with its per cent sign.
     right : iterable of int
         Numbers of the columns that are set flush right.
     """
@@ -96,7 +97,8 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
 
 
 def _cell(value: Any) -> str:
-    return powers(str(value)).replace("|", r"\|").replace("\n", " ")
+    told = powers(str(value)).replace("|", r"\|").replace("\n", " ")
+    return re.sub(r"(?<=\d) (?=%)", "\u00a0", told)
 
 
 def _base64(text: str) -> str:

@@ -82,9 +82,11 @@ def test_no_two_boxes_meet(graph):
 
 
 def test_drawing_has_the_same_bytes_in_any_order_of_the_modules_and_any_style(graph, tmp_path):
-    figures.save(architecture(graph), tmp_path / "one.svg", legible=6)
+    figures.save(architecture(graph), tmp_path / "one.svg", figures.PLAN)
     with mpl.rc_context({"text.usetex": True, "font.size": 20, "lines.marker": "o"}):
-        figures.save(architecture(dict(reversed(graph.items()))), tmp_path / "two.svg", legible=6)
+        figures.save(
+            architecture(dict(reversed(graph.items()))), tmp_path / "two.svg", figures.PLAN
+        )
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
 
 

@@ -94,9 +94,9 @@ def test_no_line_runs_through_a_text(draw):
 
 @pytest.mark.parametrize("draw", DRAWINGS)
 def test_same_bytes_each_time_in_any_style(draw, tmp_path):
-    figures.save(draw(), tmp_path / "one.svg", legible=6)
+    figures.save(draw(), tmp_path / "one.svg", figures.PLAN)
     with mpl.rc_context({"font.size": 20, "text.usetex": True, "lines.linestyle": ":"}):
-        figures.save(draw(), tmp_path / "two.svg", legible=6)
+        figures.save(draw(), tmp_path / "two.svg", figures.PLAN)
     one = (tmp_path / "one.svg").read_bytes()
     assert one == (tmp_path / "two.svg").read_bytes()
     assert len(one) < 200_000

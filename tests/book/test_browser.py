@@ -111,6 +111,11 @@ def test_page_reads_well(path, visit):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
     nothing_is_cut_off_on_a_phone(page)
+    page.wait_for_function(  # what scrolls can be reached by the keyboard, after a moment
+        "[...document.querySelectorAll('pre, .pst-scrollable-table-container, .plan, .sig')]"
+        ".every(e => e.scrollWidth <= e.clientWidth || e.tabIndex == 0)"
+    )
+    assert violations(page, context, ["scrollable-region-focusable"]) == []
     text_in_figures_is_legible_on_a_phone(page, path)
 
 
@@ -118,6 +123,11 @@ def formulas_are_drawn(page):
     has_math = page.locator(".bd-article .math").count() > 0
     assert (page.locator("mjx-container").count() > 0) == has_math
     assert page.locator("[data-mjx-error], [data-mml-node=merror]").count() == 0
+    scrolls = page.evaluate(  # a browser would draw a scroll bar below it
+        "[...document.querySelectorAll('.bd-article mjx-container:not([display])')]"
+        ".filter(e => e.scrollWidth > e.clientWidth && e.clientWidth).map(e => e.textContent)"
+    )
+    assert scrolls == []
 
 
 def be_dark(page, themed):
@@ -166,37 +176,34 @@ def logo_and_search_stay_in_sight(page):
 
 
 def text_in_figures_is_legible_on_a_phone(page, path):
-    """At least 10 px. Only exponents are smaller, 0.7 of that, as `figures.save` checks."""
+    """At least 10 px, exponents and indices 8; a plan is as wide as that needs, and scrolls."""
     shown = page.evaluate(
         "[...document.querySelectorAll('.bd-article img')].filter(e => e.offsetWidth)"
         ".map(e => [e.getAttribute('src'), e.offsetWidth])"
     )
     small = {}
     for source, width in shown:
-        if not source.endswith(".svg") or Path(source).name.startswith(PLANS):
-            continue
         drawing = (path.parent / source).read_text(encoding="utf-8")
+        assert "<text" not in drawing  # outlines only
         box = re.search(r'viewBox="\S+ \S+ (\S+) \S+"', drawing)
-        least = min(sizes_of_text(drawing), default=100) * width / float(box[1])
-        if least < 7:  # px
-            small[Path(source).name] = round(least, 1)
+        least, index = sizes_of_text(drawing)
+        least *= width / float(box[1])
+        if least < 10 or index < 0.8:
+            small[Path(source).name] = round(least, 1), index
     assert small == {}
 
 
-def sizes_of_text(drawing: str) -> list[float]:
-    """Sizes of the texts of a drawing, in its own units: as outlines, or as text."""
+def sizes_of_text(drawing: str) -> tuple[float, float]:
+    """Least size of a text of a drawing, in its own units, and least share of an index in it."""
     outlines = re.findall(r"translate\([^)]*\)[^\"]*? scale\(([\d.]+) -[\d.]+\)", drawing)
-    texts = re.findall(r"font(?:-size)?: ?(?:[a-z0-9]+ )*?([\d.]+)px|font-size=\"([\d.]+)", drawing)
-    return [100 * float(one) for one in outlines] + [float(a or b) for a, b in texts]
+    indices = re.findall(r"<use [^>]*scale\(([\d.]+)\)", drawing)
+    sizes = [100 * float(one) for one in outlines]
+    return min(sizes, default=100), min(map(float, indices), default=1)
 
 
-#: Plans of the software and of the model. A phone shows them whole, to be enlarged by hand.
-PLANS = ("appendix-architecture", "block_diagram", "arm_axes")
-
-
-@pytest.mark.parametrize("missing", ["old.html", "book/very/old.html"])
-def test_missing_page_leads_to_the_front_page_of_a_book_below_the_root(site, browser, missing):
-    """Served as GitHub Pages does it: in a folder of the site, 404.html for what is not there."""
+@pytest.fixture
+def served(site, browser):
+    """A tab of a browser for which GitHub Pages has the book, in a folder of its site."""
 
     def serve(route):
         path = site / urlsplit(route.request.url).path.removeprefix("/armsim/")
@@ -207,12 +214,23 @@ def test_missing_page_leads_to_the_front_page_of_a_book_below_the_root(site, bro
 
     page = browser.new_page()
     page.route("**/*", serve)
-    page.goto(f"https://book.example/armsim/{missing}")
-    page.wait_for_function("document.links[0].href.endsWith('/armsim/index.html')")
-    page.click("text=front page")
-    assert page.url == "https://book.example/armsim/index.html"
-    assert page.title()
+    yield page
     page.close()
+
+
+@pytest.mark.parametrize("missing", ["old.html", "book/very/old.html"])
+def test_missing_page_leads_to_the_front_page_of_a_book_below_the_root(served, missing):
+    served.goto(f"https://book.example/armsim/{missing}")
+    served.wait_for_function("document.links[0].href.endsWith('/armsim/index.html')")
+    served.click("text=front page")
+    assert served.url == "https://book.example/armsim/index.html"
+    assert served.title()
+
+
+def test_page_that_has_moved_is_shown_at_its_new_address(served):
+    served.goto("https://book.example/armsim/book/parameter_study.html")
+    served.wait_for_url("**/armsim/book/nonlinear_step_response.html#map-of-two-parameters")
+    assert served.locator("#map-of-two-parameters").count() == 1
 
 
 def test_search_finds_a_word_from_disk(site, visit):

@@ -6,6 +6,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
+from reportkit import figures
+
 RESOURCES = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src"}
 REMOTE = re.compile(r"(?:https?:)?//", re.IGNORECASE)
 
@@ -66,6 +68,36 @@ def test_images_are_vectors_and_say_what_they_show(page):
             assert attrs["src"].endswith(".svg"), attrs
             assert len(attrs.get("alt", "")) >= 15, attrs
             assert not re.search(r"\.(svg|png|jpe?g)$|_images/", attrs["alt"]), attrs
+
+
+def test_text_of_figures_has_a_colour_for_a_dark_page(page, path):
+    """The contrast of those colours is tested in tests/reportkit; a text with a halo needs none."""
+    for tag, attrs in page.article:
+        if tag == "img" and not attrs["src"].endswith("-dark.svg"):
+            drawing = target(path, attrs["src"]).read_text(encoding="utf-8")
+            texts = re.findall(r'<g id="text_\d+">(?:\s*<!--.*?-->)?\s*<g ([^>]*)>', drawing, re.S)
+            found = {fill[1] for text in texts if (fill := re.search(r"fill: (#\w+)", text))}
+            assert found <= set(figures.DARK), attrs["src"]
+
+
+#: A number with a decimal point or a unit.
+MEASURED = re.compile(
+    r"\d+\.\d+(?: [^\s.,;:)]+)?|\d+ (?:%|per cent|[kmnµ]?(?:m/s|[msVANW]|Hz)|dB|seconds?)(?!\w)"
+)
+#: What is set and not found: settings of a figure, lines drawn in it, and what the paper prints.
+GIVEN = set("0.9 m/s,1 m/s,1 mm,10 V,30 ms,2 per cent,5 per cent,10 %,95 %,100 %".split(","))
+
+
+def test_alt_texts_and_captions_have_no_typed_results(page, path):
+    """A result may have moved since; a caption can quote it, an alt text says what is seen."""
+    texts = [attrs.get("alt", "") for tag, attrs in page.article if tag == "img"]
+    for caption in re.findall(r"<figcaption>(.*?)</figcaption>", path.read_text("utf-8"), re.S):
+        typed = re.sub(
+            r'<a [^>]*\bvalue\b.*?</a>|<span class="(math|caption-n).*?</span>', "", caption
+        )
+        texts.append(re.sub("<[^>]+>", "", typed))
+    found = {number for text in texts for number in MEASURED.findall(text.replace("\u00a0", " "))}
+    assert found <= GIVEN
 
 
 def test_figures_offer_their_data(page, path, site):

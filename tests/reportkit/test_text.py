@@ -56,6 +56,10 @@ def test_exponential_notation_is_set_as_powers(told, text_of):
     assert text.markdown_table(["x"], [[told]]).splitlines()[-1] == f"| {text_of} |"
 
 
+def test_a_number_stays_with_its_per_cent_sign():
+    assert text.markdown_table(["5 %"], []).splitlines()[0] == "| 5\u00a0% |"
+
+
 def test_markdown_table_escapes_its_cells():
     table = text.markdown_table(["a|b", "c"], [["x\ny", 1], ["|z|", 2.5]], right=[1])
     assert table == "| a\\|b | c |\n| --- | ---: |\n| x y | 1 |\n| \\|z\\| | 2.5 |\n"
