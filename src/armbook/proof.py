@@ -36,9 +36,8 @@ def proven_steps(p: AxisParameters, run: ExactSolution, event: int) -> np.ndarra
     one = slice(guard := dynamics.Region._fields.index(cause), guard + 1)
     here = Mode(mode.A, mode.b, mode.normal[one], mode.lower[one], mode.upper[one])
     known, start, work = modal.room_for(1, n), modal.start_room(n), crossing.work_room(n, 1)
-    modal.decompose(known, modal.find(here.A, known, 0), 1.0)
-    start.state[:] = room.start[piece, 1 : 1 + n]
-    crossing.set_slope(here.A, here.b, start)
+    modal.find(here.A, known, run.end)
+    crossing.set_start(here.A, here.b, room.start[piece, 1 : 1 + n], start)
     crossing.stand(here, start, work)
     formula = modal.piece(known, 0, here.b, start)
     ends: list[float] = []

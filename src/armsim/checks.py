@@ -88,6 +88,21 @@ def reals(name: str, value: object) -> np.ndarray:
     raise ValueError(f"{name} = {shorten(repr(value), 100)}: real numbers are needed")
 
 
+def checked_row(name: str, value: object, size: int = 0) -> np.ndarray:
+    """Return a row (n,) of finite numbers as a new array, or raise an error.
+
+    Raises
+    ------
+    ValueError
+        If the value is no such row, or has not `size` numbers where that is given.
+    """
+    row = reals(name, value)
+    if row.ndim != 1 or row.size != (size or row.size or 1) or not np.isfinite(row).all():
+        needed = f"one row of {size or 'one or more'} finite numbers is needed"
+        raise ValueError(f"{name} = {shorten(repr(value), 100)}: {needed}")
+    return row
+
+
 def checked_times(t: object, start: float, end: float, name: str = "t") -> np.ndarray:
     """Return a time or times as a row (n,), if all lie within a run from `start` to `end`.
 

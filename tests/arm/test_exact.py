@@ -291,9 +291,9 @@ def largest_error_of_a_piece(run, count=20):
     edges = np.append(room.start[:, 0], run.solution.end)
 
     def states(times):
-        out = np.empty((7, times.size))
+        out = np.empty((times.size, 7))
         piecewise_affine.sample(room, times, out)
-        return out.T
+        return out
 
     at_ends = states(np.nextafter(edges[1:], 0.0))
     even = states(np.linspace(0.0, run.solution.end, 2001))

@@ -329,9 +329,9 @@ def test_a_state_has_to_be_of_real_numbers(y0, method):
         simulate(P, y0=y0, method=method, step_size=method and 1e-5)
 
 
-@pytest.mark.parametrize("y0", [np.zeros(6), np.zeros((7, 1)), 0.0])
+@pytest.mark.parametrize("y0", [np.zeros(6), np.zeros((7, 1)), 0.0, [np.nan] * 7])
 def test_a_wrong_state_is_refused(y0):
-    with pytest.raises(ValueError, match=r"y0 has shape .*7 states"):
+    with pytest.raises(ValueError, match="y0 = .*: one row of 7 finite numbers"):
         run(y0=y0)
 
 

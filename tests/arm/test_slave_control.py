@@ -213,7 +213,7 @@ def test_a_sample_costs_a_piece_and_no_more():
 def test_a_run_that_needs_more_room_is_the_same(monkeypatch):
     runs = [simulate(P, t_end=0.5, control=MOVE)]
     module = sys.modules["armsim.arm.simulate"]  # not the function of that name
-    with_4_rows = lambda *given: recorded(*given[:-1], -126)  # noqa: E731
+    with_4_rows = lambda run, sizes, _, names: recorded(run, sizes, -126, names)  # noqa: E731
     monkeypatch.setattr(module, "recorded", with_4_rows)
     runs.append(simulate(P, t_end=0.5, control=MOVE))
     assert len(runs[0].solution.room.start) > 32  # more than eight times four

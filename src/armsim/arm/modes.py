@@ -21,6 +21,7 @@ from armsim.arm.dynamics import FAST, REST, Region, region_number, region_of_num
 from armsim.arm.slave_control import Law, put_out
 from armsim.exact import piecewise_affine
 from armsim.exact.modal import compiled
+from armsim.exact.piecewise_affine import Room
 
 #: Four guards, the fields of `Region`; 2⁴ matrices, since A is independent of the branch signs.
 GUARDS, MATRICES = 4, 16
@@ -158,10 +159,7 @@ def run(constants, starts, inputs, t_end, y0, limits, room):
     )
 
 
-@compiled
-def sample(r_g, room, times, y):
-    """Set `y` (7, n) to the states y0 … y6 of a run at `times` (n,)."""
+def sample(r_g: float, room: Room, times: np.ndarray, y: np.ndarray) -> None:
+    """Set the rows of `y` (n, 7) to the states y0 … y6 of a run at `times` (n,)."""
     piecewise_affine.sample(room, times, y)
-    for j in range(times.size):
-        x, y[1, j] = y[1, j], y[2, j]
-        y[2, j] = (x + y[0, j]) / r_g
+    y[:, 1], y[:, 2] = y[:, 2], (y[:, 1] + y[:, 0]) / r_g

@@ -17,7 +17,7 @@ from armsim.arm.parameters import AxisParameters
 from armsim.arm.slave_control import MEMORY, SlaveControl, put_out
 from armsim.checks import IntegrationError, reals
 from armsim.exact import crossing
-from armsim.exact.piecewise_affine import Event, ExactSolution, Room, recorded, require_finished
+from armsim.exact.piecewise_affine import Event, ExactSolution, Room, recorded
 from armsim.machine_code import announced
 from armsim.methods import runge_kutta
 from armsim.methods.runge_kutta import Form
@@ -259,10 +259,9 @@ def _exact(p: AxisParameters, task: _Task) -> ExactSolution:
         task.inputs.memory[:] = 0.0  # of the control unit, if this is a second attempt
         return modes.run((k, dynamics.without_offsets(k)), *task, limits, room)
 
-    record = recorded(run, 7, modes.GUARDS, modes.MATRICES, task.starts.size)
-    require_finished(record, *_TO_NAMES)
+    room = recorded(run, (7, modes.GUARDS, modes.MATRICES), task.starts.size, _TO_NAMES)
     sample = partial(modes.sample, p.r_g)
-    return ExactSolution(record.room, task.t_end, sample, *_TO_NAMES, task.schedule)
+    return ExactSolution(room, task.t_end, sample, *_TO_NAMES, task.schedule)
 
 
 @cache
@@ -339,11 +338,7 @@ _NO_TRACK, _NO_LAW = np.empty((0, 2)), SlaveControl().law
 
 def _checked(set_velocity: Any, control: Any, t_end: Any, y0: Any) -> _Task:
     t_end = checks.checked_number("t_end", t_end, above=0.0)
-    state = np.zeros(7) if y0 is None else reals("y0", y0)
-    if state.shape != (7,):
-        raise ValueError(f"y0 has shape {state.shape}; the 7 states y0 … y6 are needed")
-    if not np.isfinite(state).all():
-        raise ValueError(f"y0 = {state}: every component must be finite")
+    state = np.zeros(7) if y0 is None else checks.checked_row("y0", y0, 7)
     if control is None:
         schedule = _checked_schedule(10.0 if set_velocity is None else set_velocity)
         (starts, volts), track, law = np.array(schedule).T.copy(), _NO_TRACK, _NO_LAW

@@ -94,11 +94,11 @@ def is_finite(array):
 
 
 @compiled
-def set_slope(A, b, start):
-    """Set the slope A z + b and the sum of its terms' magnitudes; return whether it is finite."""
-    z, slope, size = start.state, start.slope, start.slope_size
+def set_start(A, b, z, start):
+    """Set the state, its slope A z + b and the magnitudes of that; return whether it is finite."""
+    slope, size = start.slope, start.slope_size
     for i in range(z.size):
-        slope[i], size[i] = b[i], abs(b[i])
+        start.state[i], slope[i], size[i] = z[i], b[i], abs(b[i])
         for j in range(z.size):
             term = A[i, j] * z[j]
             slope[i], size[i] = slope[i] + term, size[i] + abs(term)
@@ -344,14 +344,14 @@ def _prove(g, p, lower, upper, end, w):
 
 @inlined
 def _series_bound(coefficients, order, end):
-    """Bound of the derivative of a given order of Σ c_j u^(j+1) for u up to `end`."""
+    """Bound of a derivative of Σ c_j u^(j+1), or for the order 0 of the sum, for u up to `end`."""
     bound = 0.0
-    for j in range(TERMS - 1, order - 2, -1):
+    for j in range(TERMS - 1, max(order, 1) - 2, -1):
         size = abs(coefficients[j])
         for factor in range(j - order + 2, j + 2):
             size *= factor
         bound = bound * end + size
-    return bound
+    return bound * end if order == 0 else bound
 
 
 @merged
@@ -379,19 +379,10 @@ def _clearance(g, p, width, end, w):
     return min(u, (factorial * width / (3.0 * derivative)) ** (1.0 / order))
 
 
-@inlined
-def _farthest(coefficients, end):
-    """Bound of |Σ c_j u^(j+1)| for u up to `end`."""
-    farthest = 0.0
-    for j in range(TERMS - 1, -1, -1):
-        farthest = (farthest + abs(coefficients[j])) * end
-    return farthest
-
-
 @compiled
 def _rests(g, p, end, w):
     """Whether a guard provably stays constant to within rounding, its own and that of the modes."""
-    farthest = abs(w.drift[g]) * end + _farthest(w.change[g], end)
+    farthest = abs(w.drift[g]) * end + _series_bound(w.change[g], 0, end)
     for k in range(p.modes):
         if p.rate[k].real <= 0.0 and p.rate[k] != 0.0:
             farthest += 2.0 * w.radius[g, k] + abs(w.d[g, k] * p.inverse[k]) * end
@@ -417,7 +408,7 @@ def first_crossing(here, p, end, longest_search, w):
         elif w.order[g] > 0:
             w.proven[g] = _clearance(g, p, upper - lower, end, w)
         elif p.modes == 0:
-            farthest = _farthest(w.change[g], end)
+            farthest = _series_bound(w.change[g], 0, end)
             if lower + farthest < w.value[g] < upper - farthest:
                 w.proven[g] = end
     first, side = -1, 0

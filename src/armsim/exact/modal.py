@@ -65,7 +65,7 @@ def room_for(k: int, n: int) -> Matrices:
     """Allocate storage for `k` matrices of `n` rows."""
     (column, row), (rate, inverse) = np.empty((2, k, n, n), complex), np.empty((2, k, n), complex)
     (unit, speed), (reach, loss) = np.empty((2, k, n)), np.empty((2, k))
-    A, modes = np.empty((k, n, n)), np.empty(k, np.int64)
+    A, modes = np.empty((k, n, n)), np.full(k, UNKNOWN)
     return Matrices(A, unit, reach, loss, modes, rate, inverse, speed, column, row)
 
 
@@ -115,15 +115,11 @@ def _balance(A, unit):
     """Set power-of-two units of the states that balance the rows and columns of `A`.
 
     A state on which no derivative depends is a pure integral of the others and gets the unit 0. The
-    diagonal counts: without it, scaling could hide that a matrix is nearly defective. Returns the
-    norm of the matrix of the others in these units.
+    diagonal counts: without it, scaling could hide that a matrix is nearly defective.
     """
     n = unit.size
     for j in range(n):
-        unit[j] = 0.0
-        for i in range(n):
-            if A[i, j] != 0.0:
-                unit[j] = 1.0
+        unit[j] = 1.0 if (A[:, j] != 0.0).any() else 0.0
     for _ in range(20):
         changed = False
         for i in range(n):
@@ -138,14 +134,6 @@ def _balance(A, unit):
                 unit[i] = math.ldexp(unit[i], min(max(power, -300), 300))
         if not changed:
             break
-    norm = 0.0
-    for j in range(n):
-        total = 0.0
-        for i in range(n):
-            if unit[i] > 0.0:
-                total += abs(A[i, j]) * unit[j] / unit[i]
-        norm = max(norm, total)
-    return norm
 
 
 @inlined
@@ -158,49 +146,27 @@ def _equal(A, B):
 
 
 @compiled
-def find(A, m, count):
-    """Return the place of `A` among `count` matrices, adding it if new; -1 if storage is full."""
-    for place in range(count):
-        if _equal(m.A[place], A):
-            return place
-    if count == m.reach.size:
-        return -1
-    m.A[count] = A
-    m.reach[count] = 1.0 / _balance(A, m.unit[count])
-    m.modes[count] = UNKNOWN
-    return count
-
-
-@compiled
 def _solution(A, B):
-    """Solution of A X = B; infinite if A is singular."""
+    """Solution of A X = B for matrices; infinite if A is singular."""
     try:
         return np.ascontiguousarray(np.linalg.solve(A, B))
     except Exception:  # numba knows no narrower one here
         return np.full_like(B, np.inf)
 
 
-@compiled
+@merged
 def _influence(C):
     """Matrix whose entry [i, j] is true if state j acts on state i, directly or through others."""
-    acts = (C != 0.0) | (np.eye(C.shape[0]) > 0.0)
+    acts = C != 0.0
     for k in range(C.shape[0]):
+        acts[k, k] = True
         for i in range(C.shape[0]):
-            if acts[i, k]:
-                acts[i] |= acts[k]
+            for j in range(C.shape[0]):
+                acts[i, j] |= acts[i, k] and acts[k, j]
     return acts
 
 
-@compiled
-def _part(C, rows, columns):
-    part = np.empty((rows.size, columns.size), C.dtype)
-    for i in range(rows.size):
-        for j in range(columns.size):
-            part[i, j] = C[rows[i], columns[j]]
-    return part
-
-
-@compiled
+@merged
 def _blockwise(C, rate, V):
     """Set eigenvalues and eigenvectors of `C`, block by block; return whether this succeeded.
 
@@ -214,15 +180,16 @@ def _blockwise(C, rate, V):
         driven = np.flatnonzero(acts[:, first] & ~acts[first, :])
         if block[0] < first:
             continue
-        values, vectors, failed = eigen(_part(C, block, block))
+        values, vectors, failed = eigen(C[block][:, block])
         if failed:
             return False
-        drive, rest = _part(C, driven, block) + 0j, _part(C, driven, driven) + 0j
+        drive, rest = C[driven][:, block] + 0j, C[driven][:, driven] + 0j
         for k in range(block.size):
             v, vector = np.zeros(n, np.complex128), vectors[:, k].copy()
             v[block] = vector
             if driven.size > 0:
-                v[driven] = _solution(values[k] * np.eye(driven.size) - rest, drive @ vector)
+                pull = (drive @ vector).reshape(-1, 1)
+                v[driven] = _solution(values[k] * np.eye(driven.size) - rest, pull)[:, 0]
             rate[done], V[:, done], done = values[k], v / np.abs(v).max(), done + 1
     return True
 
@@ -257,7 +224,7 @@ def _difference(P, Q, F, d):
     return out
 
 
-@compiled
+@merged
 def _refine(C, V, rate):
     """Refine eigenvalues and eigenvectors by Newton's method.
 
@@ -286,15 +253,14 @@ def _refine(C, V, rate):
         if largest < 1e-8:
             break
     W = _solution(V, one)
-    W -= _difference(W, V, one, np.ones(n)) @ W
-    W = np.where(np.abs(W) > EPS**2, W, 0j)  # a zero that rounding has blurred costs time later
+    W -= _difference(W, V, one, np.ones(n) + 0j) @ W
     condition = (np.abs(V) @ np.abs(W)).sum(axis=1).max()
     if not condition < WELL_CONDITIONED:
         condition = _cancellation(V, W, rate)
     return W, condition * (4 * (n + 2) * EPS + largest**2 + left)
 
 
-@compiled
+@merged
 def _cancellation(V, W, rate):
     """By how much the terms of a sum over the modes exceed the sum, for the worst state.
 
@@ -311,7 +277,7 @@ def _cancellation(V, W, rate):
     return (terms / sums).max()
 
 
-@compiled
+@merged
 def _keep(m, place, slot, value, weight, v, w, core):
     """Store a mode: its rate, and the maps from slopes to its amplitude and on to the states."""
     A, unit = m.A[place], m.unit[place]
@@ -320,7 +286,8 @@ def _keep(m, place, slot, value, weight, v, w, core):
     for i in range(unit.size):
         m.row[place, slot, i] = m.column[place, i, slot] = 0.0
     for i in range(core.size):
-        m.row[place, slot, core[i]] = w[i] / unit[core[i]]
+        if abs(w[i]) > EPS**2:  # a zero that rounding has blurred costs time later
+            m.row[place, slot, core[i]] = w[i] / unit[core[i]]
         m.column[place, core[i], slot] = weight * v[i] * unit[core[i]]
     for i in range(unit.size):
         if unit[i] == 0.0:  # an integral of the others; amplitude in its second derivative
@@ -328,31 +295,37 @@ def _keep(m, place, slot, value, weight, v, w, core):
                 m.column[place, i, slot] += A[i, j] * m.column[place, j, slot]
 
 
-@compiled
-def decompose(m, place, pieces):
+@merged
+def _decompose(m, place, duration):
     """Compute the modal form of a matrix, or mark it as near-defective.
 
-    `pieces` is the number of pieces that the Taylor series would need. If it is too large and the
-    eigenvectors are nearly dependent as well, the loss is above what is tolerated.
+    If the Taylor series would need too many pieces for the duration, and the eigenvectors are
+    nearly dependent as well, the loss is above what is tolerated.
     """
     A, unit = m.A[place], m.unit[place]
+    _balance(A, unit)
     core = np.flatnonzero(unit > 0.0)
     size = core.size
     if size == 0:  # the states are integrals alone
-        m.modes[place], m.loss[place] = 0, 0.0
+        m.modes[place], m.loss[place], m.reach[place] = 0, 0.0, math.inf
         return
-    C = _part(A, core, core) * unit[core] / unit[core].reshape(-1, 1)
+    C = A[core][:, core] * unit[core] / unit[core].reshape(-1, 1)
+    norm = 0.0
+    for j in range(size):
+        norm = max(norm, np.abs(C[:, j]).sum())
+    m.reach[place], short = 1.0 / norm, duration * norm < MAX_PIECES
     V, rate = np.empty((size, size), np.complex128), np.empty(size, np.complex128)
-    short = pieces < MAX_PIECES
     m.modes[place], m.loss[place] = DEFECTIVE, 4 * (size + 2) * EPS if short else math.inf
     if not _blockwise(C, rate, V):
         return
     W, loss = _refine(C + 0j, V, rate)
     if not loss < (PRECISE if short else TOLERATED):
         return
-    m.loss[place] = loss
+    m.loss[place], speed = loss, np.abs(rate)
     kept = total = 0
-    for k in np.argsort(np.abs(rate)):
+    for _ in range(size):
+        k = np.argmin(speed)
+        speed[k] = math.inf
         # The weight of a pair is 2. Its eigenvector is independent of its conjugate and therefore
         # far from real, whereas eigenvectors of real eigenvalues are computed as real.
         weight = 2 if np.abs(V[:, k].imag).max() > 1e-7 else 1
@@ -362,6 +335,22 @@ def decompose(m, place, pieces):
             kept, total = kept + 1, total + weight
     if total == size:
         m.modes[place] = kept
+
+
+@compiled
+def find(A, m, duration):
+    """Return the place of `A` among the matrices, with its modal form; -1 if there is no room.
+
+    `duration` is that of the run.
+    """
+    for place in range(m.modes.size):
+        if m.modes[place] == UNKNOWN:
+            m.A[place] = A
+            _decompose(m, place, duration)
+            return place
+        if _equal(m.A[place], A):
+            return place
+    return -1
 
 
 # --- a piece: its formula ---------------------------------------------------------------------
@@ -456,11 +445,8 @@ def advance(p, u, out):
         if amplitude == 0.0:  # the mode itself may overflow, and 0 · inf is NaN
             continue
         power, first, second = integrals(p.rate[k], p.inverse[k], u)
-        left, first, second = (
-            power * p.inverse[k] * amplitude,
-            first * amplitude,
-            second * amplitude,
-        )
+        left = power * p.inverse[k] * amplitude
+        first, second = first * amplitude, second * amplitude
         for i in range(n):
             settled = start.decay[i] * u > SETTLED
             grown = second if p.unit[i] == 0.0 else left if settled else first

@@ -16,34 +16,23 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import typeof
+from numba import typeof, types
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.extending import is_jitted
 
-from armsim.checks import IntegrationError, checked_count, checked_times, reals
+from armsim.checks import IntegrationError, checked_count, checked_row, checked_times
 from armsim.exact import crossing, modal
-from armsim.exact.crossing import Mode, is_finite, set_slope
+from armsim.exact.crossing import Mode, is_finite, set_start
 from armsim.exact.intrinsics import borrowed, keep_alive
-from armsim.exact.modal import OPTIONS, UNKNOWN, Matrices, compiled, merged
+from armsim.exact.modal import OPTIONS, Matrices, compiled, merged
 from armsim.machine_code import announced, generated
 
-#: Returned in place of a guard if the state overflows in a piece.
-OVERFLOW = -3
 #: Largest number of events at one time; more are taken as endless switching.
 AT_ONCE = 25
 
-(
-    FINISHED,
-    MODES_CHASE,
-    TOO_MANY_EVENTS,
-    TOO_MANY_PIECES,
-    TOO_MANY_MATRICES,
-    NOT_FINITE,
-    SEARCH_TOO_LONG,
-    TOO_INEXACT,
-    WRONG_MODE,
-    NO_ROOM,
-) = range(10)
+# Why a run ends: it is done, or the equations are at fault, or a limit is exceeded.
+FINISHED, NOT_FINITE, TOO_INEXACT, WRONG_MODE, MODES_CHASE = range(5)
+NO_ROOM, TOO_MANY_EVENTS, TOO_MANY_PIECES, TOO_MANY_MATRICES, SEARCH_TOO_LONG = range(5, 10)
 #: Rows of the first room for pieces and events, beside two for each input.
 _ROWS = 256
 
@@ -59,60 +48,55 @@ class Room(NamedTuple):
     matrices: Matrices
 
 
-class Record(NamedTuple):
-    """Result of a run."""
-
-    status: int  #: `FINISHED` or the reason for stopping
-    end: float  #: time reached
-    mode: int  #: mode reached
-    room: Room
-
-
-def recorded(run: Callable, n: int, guards: int, matrices: int, inputs: int) -> Record:
-    """Return the result of ``run(room)``, a compiled `solve` of `n` states.
-
-    Python makes the arrays, so that the compiled code returns only numbers. Numba makes an array by
-    calling Python, and a signal that raises an error there would leave numba with half a result.
-    What does not fit is run again with eight times the room. The first room depends on the number
-    of inputs, for a controller that is sampled often. Just above it, a run takes twice as long.
-    """
-    here = Mode(np.empty((n, n)), np.empty(n), np.empty((guards, n)), *np.empty((2, guards)))
-    rows, known = _ROWS + 2 * inputs, modal.room_for(matrices, n)
-    while True:
-        numbers, counts = [np.empty((rows, k)) for k in (1 + 2 * n, 1)], (2, 4)
-        (start, time), (label, event) = numbers, [np.empty((rows, k), np.int64) for k in counts]
-        status, end, mode, p, e = run(Room(start, label, time, event, here, known))
-        if status != NO_ROOM:
-            found = start[:p].copy(), label[:p].copy(), time[:e].copy(), event[:e].copy()
-            return Record(status, end, mode, Room(*found, here, known))
-        rows *= 8
-
-
 # --- a run ------------------------------------------------------------------------------------
 
 
 @merged
-def _run_piece(here, m, place, h, longest_search, start, w, z):
-    """Advance `z` to the end of the piece; return its length, the guard that ends it and its side.
+def _enter(equations, mode, u, constants, here, m, duration):
+    """Fill in a mode for an input; return its status and the place of its matrix."""
+    # `equations` sets only what differs from ż = 0 without limits.
+    here.A[:] = here.b[:] = here.normal[:] = 0.0
+    here.lower[:], here.upper[:] = -np.inf, np.inf
+    equations(mode, u, constants, here)
+    if not _is_allowed(here):
+        return WRONG_MODE, 0
+    place = modal.find(here.A, m, duration)
+    if place < 0:
+        return TOO_MANY_MATRICES, 0
+    return FINISHED if m.loss[place] <= modal.TOLERATED else TOO_INEXACT, place
 
-    The length is 0 if a guard leaves at once or the search is given up. If the state overflows,
-    the guard is `OVERFLOW`.
+
+@compiled
+def _is_allowed(here):
+    """Whether a mode has finite entries and ordered limits, which may be infinite."""
+    finite = is_finite(here.A) and is_finite(here.b) and is_finite(here.normal)
+    return finite and (here.lower <= here.upper).all()
+
+
+@merged
+def _run_piece(here, m, place, h, longest_search, start, w, z):
+    """Advance `z` to the end of a piece of at most the length `h`.
+
+    Returns the status, the length, and the guard that ends the piece, or -1, with its side. The
+    length is 0 if a guard leaves at once, and the time of failure if the status is one.
     """
+    if not set_start(here.A, here.b, z, start):
+        return NOT_FINITE, 0.0, -1, 0
     guard, side = crossing.stand(here, start, w)
     if guard >= 0:
-        return 0.0, guard, side
+        return FINISHED, 0.0, guard, side
     p = modal.piece(m, place, here.b, start)
     h = min(h, p.reach) if p.modes == 0 else h
     h, guard, side = crossing.first_crossing(here, p, h, longest_search, w)
     if guard == crossing.GIVEN_UP:
-        return h, guard, side
+        return SEARCH_TOO_LONG, 0.0, guard, side
     modal.advance(p, h, z)
     if not is_finite(z):
-        return _finite_until(p, h, z), OVERFLOW, 0
+        return NOT_FINITE, _finite_until(p, h, z), guard, side
     if guard >= 0:
         limit = here.upper[guard] if side > 0 else here.lower[guard]
         crossing.put_at_limit(here.normal[guard], limit, z)
-    return h, guard, side
+    return FINISHED, h, guard, side
 
 
 @compiled
@@ -165,100 +149,70 @@ def solve(equations, successor, hold, constants, starts, inputs, end, z, mode, l
     tuple
         Status, time and mode reached, numbers of pieces and events.
     """
-    n = z.size
-    owned = room, modal.start_room(n), crossing.work_room(n, room.here.lower.size)
-    (begin, label, event_time, event, here, m), start, w = borrowed(owned)
-    pieces = events = at_once = known = interval = place = 0
-    t, status, new, found = starts[0], FINISHED, True, mode - 1
-    u = hold(0, z, inputs, constants)
-    while t < end:
-        if max(pieces, events) == begin.shape[0]:
-            status = NO_ROOM
-            break
-        until = end if interval + 1 == starts.size else min(end, starts[interval + 1])
-        if t == until:
-            interval, new = interval + 1, True
-            u = hold(interval, z, inputs, constants)
-            continue
-        if new:
-            _clear(here)
-            equations(mode, u, constants, here)
-            new = False
-            if not _is_allowed(here):
-                status = WRONG_MODE
-                break
-        if mode != found:
-            place, found = modal.find(here.A, m, known), mode
-            known = max(known, place + 1)
-        if place >= 0 and m.modes[place] == UNKNOWN:
-            modal.decompose(m, place, (end - starts[0]) / m.reach[place])
-        start.state[:] = z
-        status = _obstacle(m, place, pieces == limits[1], set_slope(here.A, here.b, start))
-        if status != FINISHED:
-            break
-        begin[pieces, 0], begin[pieces, 1 : 1 + n], begin[pieces, 1 + n :] = t, z, here.b
-        h, guard, side = _run_piece(here, m, place, until - t, limits[2], start, w, z)
-        if guard < -1:
-            status, t = NOT_FINITE if guard == OVERFLOW else SEARCH_TOO_LONG, t + h
-            break
-        if h > 0.0:
-            label[pieces, 0], label[pieces, 1] = mode, place
-            pieces += 1
-            at_once = at_once if t + h == t else 0
-            t = until if guard < 0 and h == until - t else t + h
-            continue
-        event_time[events, 0] = t
-        event[events, 0], event[events, 1], event[events, 2] = guard, side, mode
-        mode, new = successor(mode, guard, side, z, constants), True
-        event[events, 3] = mode
-        at_once, events = at_once + 1, events + 1
-        if at_once > AT_ONCE or events > limits[0]:
-            status = MODES_CHASE if at_once > AT_ONCE else TOO_MANY_EVENTS
-            break
+    n, guards = z.size, room.here.lower.size
+    owned = room, modal.start_room(n), crossing.work_room(n, guards)
+    unowned = borrowed(owned)
+    result = _follow(
+        equations, successor, hold, constants, starts, inputs, end, z, mode, limits, unowned
+    )
     keep_alive(owned)
-    return status, t, mode, pieces, events
+    return result
 
 
-@compiled
-def _clear(here):
-    """Set a mode to ż = 0 without limits, so that `equations` sets only what differs."""
-    here.A[:] = here.b[:] = here.normal[:] = 0.0
-    here.lower[:], here.upper[:] = -np.inf, np.inf
-
-
-@compiled
-def _is_allowed(here):
-    """Whether a mode has finite entries and ordered limits, which may be infinite."""
-    finite = is_finite(here.A) and is_finite(here.b) and is_finite(here.normal)
-    return finite and (here.lower <= here.upper).all()
-
-
-@compiled
-def _obstacle(m, place, all_pieces, finite):
-    """Return the status that says why a piece cannot begin."""
-    if place < 0:
-        return TOO_MANY_MATRICES
-    if all_pieces:
-        return TOO_MANY_PIECES
-    if not finite:
-        return NOT_FINITE
-    return FINISHED if m.loss[place] <= modal.TOLERATED else TOO_INEXACT
+@merged
+def _follow(equations, successor, hold, constants, starts, inputs, end, z, mode, limits, rooms):
+    """Follow a run from mode to mode; see `solve`."""
+    (begin, label, event_time, event, here, m), start, w = rooms
+    pieces = events = at_once = place = 0
+    t, n = starts[0], z.size
+    for interval in range(starts.size):
+        until = end if interval + 1 == starts.size else min(end, starts[interval + 1])
+        u, entered = hold(interval, z, inputs, constants), False
+        while t < until:
+            if max(pieces, events) == begin.shape[0]:
+                return NO_ROOM, t, mode, pieces, events
+            if not entered:
+                status, place = _enter(equations, mode, u, constants, here, m, end - starts[0])
+                if status != FINISHED:
+                    return status, t, mode, pieces, events
+                entered = True
+            if pieces == limits[1]:
+                return TOO_MANY_PIECES, t, mode, pieces, events
+            begin[pieces, 0], begin[pieces, 1 : 1 + n], begin[pieces, 1 + n :] = t, z, here.b
+            status, h, guard, side = _run_piece(here, m, place, until - t, limits[2], start, w, z)
+            if status != FINISHED:
+                return status, t + h, mode, pieces, events
+            if h > 0.0:
+                label[pieces, 0], label[pieces, 1] = mode, place
+                pieces += 1
+                at_once = at_once if t + h == t else 0
+                t = until if guard < 0 and h == until - t else t + h
+                continue
+            event_time[events, 0] = t
+            event[events, 0], event[events, 1], event[events, 2] = guard, side, mode
+            mode, entered = successor(mode, guard, side, z, constants), False
+            event[events, 3] = mode
+            at_once, events = at_once + 1, events + 1
+            if at_once > AT_ONCE:
+                return MODES_CHASE, t, mode, pieces, events
+            if events > limits[0]:
+                return TOO_MANY_EVENTS, t, mode, pieces, events
+    return FINISHED, t, mode, pieces, events
 
 
 @compiled
 def sample(room, times, out):
-    """Set `out` (n, k) to the states of a run at `times` (k,)."""
-    n, last = out.shape[0], -1
+    """Set the rows of `out` (k, n) to the states of a run at `times` (k,)."""
+    n, last = out.shape[1], -1
     owned = room.matrices, modal.start_room(n)
     m, start = borrowed(owned)
     pieces = np.searchsorted(room.start[:, 0].copy(), times, side="right") - 1
     for j in range(times.size):
         row, place = room.start[pieces[j]], room.label[pieces[j], 1]
         if pieces[j] != last:
-            start.state[:] = row[1 : n + 1]
-            set_slope(m.A[place], row[n + 1 :], start)
+            set_start(m.A[place], row[n + 1 :], row[1 : n + 1], start)
             p, last = modal.piece(m, place, row[n + 1 :], start), pieces[j]
-        modal.advance(p, times[j] - row[0], out[:, j])
+        modal.advance(p, times[j] - row[0], out[j])
     keep_alive(owned)
 
 
@@ -313,9 +267,9 @@ class ExactSolution:
         """
         simple = isinstance(t, float) and self.start <= t <= self.end  # a fast path
         times = np.array([t]) if simple else checked_times(t, self.start, self.end)
-        states = np.empty((self.room.start.shape[1] // 2, times.size))
+        states = np.empty((times.size, self.room.start.shape[1] // 2))
         self.sample(self.room, times, states)
-        return states if np.ndim(t) else states[:, 0]
+        return np.ascontiguousarray(states.T) if np.ndim(t) else states[0]
 
     @property
     def start(self) -> float:
@@ -358,29 +312,67 @@ class ExactSolution:
         return self(self.t)
 
 
-def require_finished(record: Record, mode_name: Callable = _itself, guard_name=_itself) -> None:
-    """Raise an `IntegrationError` with time and reason if a run did not reach its end."""
-    if record.status == FINISHED:
-        return
+def recorded(
+    run: Callable, sizes: Sequence[int], inputs: int, names: Sequence[Callable] = (_itself, _itself)
+) -> Room:
+    """Return the pieces and events of ``run(room)``, a compiled `solve`.
+
+    Python makes the arrays, so that the compiled code returns only numbers. Numba makes an array by
+    calling Python, and a signal that raises an error there would leave numba with half a result.
+    What does not fit is run again with eight times the room. The first room depends on the number
+    of inputs, for a controller that is sampled often. Just above it, a run takes twice as long.
+
+    Parameters
+    ----------
+    run : callable
+        Fills in the room that it is given, and returns what `solve` does.
+    sizes : (int, int, int)
+        Numbers of states, guards and matrices.
+    inputs : int
+        Number of inputs.
+    names : two callables
+        Names of a mode and of a guard, for the message.
+
+    Raises
+    ------
+    IntegrationError
+        If the run does not reach its end; the message gives the time and the reason.
+    """
+    n, guards, matrices = sizes
+    here = Mode(np.empty((n, n)), np.empty(n), np.empty((guards, n)), *np.empty((2, guards)))
+    rows, known, status = _ROWS + 2 * inputs, modal.room_for(matrices, n), NO_ROOM
+    while status == NO_ROOM:
+        start, time = np.empty((rows, 1 + 2 * n)), np.empty((rows, 1))
+        label, event = np.empty((rows, 2), np.int64), np.empty((rows, 4), np.int64)
+        status, end, mode, p, e = run(Room(start, label, time, event, here, known))
+        rows *= 8
+    room = Room(start[:p].copy(), label[:p].copy(), time[:e].copy(), event[:e].copy(), here, known)
+    if status != FINISHED:
+        reason = _reason(status, mode, room, *names)
+        raise IntegrationError(f"exact solution stopped at t = {end:.12g}: {reason}")
+    return room
+
+
+def _reason(status: int, mode: int, room: Room, mode_name: Callable, guard_name: Callable) -> str:
+    """Say why a run stopped, and what its last events were."""
     last = ", ".join(
         f"guard {guard_name(guard)} {'above' if side > 0 else 'below'}: "
         f"{mode_name(before)} to {mode_name(after)}"
-        for guard, side, before, after in record.room.event[-3:].tolist()
+        for guard, side, before, after in room.event[-3:].tolist()
     )
     reason = {
         MODES_CHASE: f"more than {AT_ONCE} events at one time: they accumulate, or a mode to "
         "slide is missing",
-        TOO_MANY_EVENTS: f"more than {len(record.room.event) - 1} events",
-        TOO_MANY_PIECES: f"more than {len(record.room.start)} pieces",
-        TOO_MANY_MATRICES: f"more than {len(record.room.matrices.reach)} different matrices",
+        TOO_MANY_EVENTS: f"more than {len(room.event) - 1} events",
+        TOO_MANY_PIECES: f"more than {len(room.start)} pieces",
+        TOO_MANY_MATRICES: f"more than {len(room.matrices.reach)} different matrices",
         NOT_FINITE: "the solution is not finite",
         TOO_INEXACT: "the modes of this matrix are nearly dependent, so that more than "
         f"{modal.TOLERATED:g} of the solution would be lost",
         SEARCH_TOO_LONG: f"no next event found in {crossing.MAX_SEARCH} steps of search",
-        WRONG_MODE: f"mode {mode_name(record.mode)} is not allowed with {_fault(record.room.here)}",
-    }[record.status]
-    reason += f" ({last})" if last else ""
-    raise IntegrationError(f"exact solution stopped at t = {record.end:.12g}: {reason}")
+        WRONG_MODE: f"mode {mode_name(mode)} is not allowed with {_fault(room.here)}",
+    }[status]
+    return f"{reason} ({last})" if last else reason
 
 
 def _fault(mode: Mode) -> str:
@@ -430,10 +422,13 @@ class System:
     matrices: int
 
     @cached_property
-    def _run(self) -> Any:
+    def _functions(self) -> dict[str, Any]:
         functions = {"equations": self.equations, "successor": self.successor}
-        system = {name: f if is_jitted(f) else compiled(f) for name, f in functions.items()}
-        return generated(_RUN, system | {"solve": solve, "given": given}, **OPTIONS)
+        return {name: f if is_jitted(f) else compiled(f) for name, f in functions.items()}
+
+    @cached_property
+    def _run(self) -> Any:
+        return generated(_RUN, self._functions | {"solve": solve, "given": given}, **OPTIONS)
 
     def _compile(self, *arguments: Any) -> None:
         """Compile for the types of the arguments, unless this has been done."""
@@ -489,17 +484,17 @@ class System:
             not finite, or `equations` sets an entry that is not allowed. The message gives the
             time and the modes.
         """
-        z, span = _row("z0", z0), _row("t_span", t_span)
-        if span.size != 2 or not span[0] < span[1]:
-            raise ValueError(f"t_span = {t_span!r} is not allowed; it must be finite and rise")
-        (start, end), checked_mode = span.tolist(), checked_count("mode", mode, -(2**63))
+        z, (start, end) = checked_row("z0", z0), checked_row("t_span", t_span, 2).tolist()
+        if not start < end:
+            raise ValueError(f"t_span = {t_span!r} is not allowed; it must rise")
+        checked_mode = checked_count("mode", mode, -(2**63))
         try:
             schedule = [(start, 0.0)] if inputs is None else list(inputs)
             times, values = zip(*schedule, strict=True)
             given_inputs = np.array(values, dtype=float)
         except (TypeError, ValueError):
             raise ValueError(f"inputs = {inputs!r}: pairs (time, input) are needed") from None
-        starts = _row("times of inputs", times)
+        starts = checked_row("times of inputs", times)
         if starts[0] != start or not (np.diff(starts) > 0).all():
             raise ValueError(f"times of inputs = {times!r}: they must rise from {start}")
         sizes = checked_count("guards", self.guards, 0), checked_count("matrices", self.matrices)
@@ -510,14 +505,5 @@ class System:
             self._compile(*arguments)
             return self._run(*arguments)
 
-        record = recorded(run, z.size, *sizes, starts.size)
-        require_finished(record)
-        return ExactSolution(record.room, end, sample, inputs=schedule)
-
-
-def _row(name: str, values: object) -> np.ndarray:
-    """Return a row (n,) of finite numbers, or raise an error that names the argument."""
-    row = reals(name, values)
-    if row.ndim != 1 or row.size == 0 or not np.isfinite(row).all():
-        raise ValueError(f"{name} = {values!r}: one row of finite numbers is needed")
-    return row
+        room = recorded(run, (z.size, *sizes), starts.size)
+        return ExactSolution(room, end, sample, inputs=schedule)

@@ -131,7 +131,10 @@ def integrate(
     0.36787944 after 70 evaluations
     """
     checks.checked_type("tableau", tableau, Tableau, "tableaux.RK6")
-    start, end, y0 = _checked_problem(t_span, y0)
+    start, end = checks.checked_row("t_span", t_span, 2).tolist()
+    y0 = checks.checked_row("y0", y0)
+    if not math.isfinite(end - start):
+        raise ValueError(f"t_span = {t_span!r}: the difference of the two is not finite")
     checks.checked_type("args", args, tuple, f"({args!r},)")
     s = checked_shift(shift, y0, form)
     if step_size is None:
@@ -298,17 +301,6 @@ def _extended(tableau: Any, shift: Any, form: str, t: Any, y: Any, slopes: Any, 
 
 
 # --- checks of arguments and results ----------------------------------------------------------
-
-
-def _checked_problem(t_span: Any, y0: Any) -> tuple[float, float, np.ndarray]:
-    span = reals("t_span", t_span)
-    start, end = span.tolist() if span.shape == (2,) else (math.nan, math.nan)
-    if not math.isfinite(end - start):
-        raise ValueError(f"t_span = {t_span!r}: two finite numbers are needed")
-    y0 = reals("y0", y0)
-    if y0.ndim != 1 or y0.size == 0 or not np.isfinite(y0).all():
-        raise ValueError(f"y0 = {y0}: one row of at least one finite number is needed")
-    return start, end, y0
 
 
 def _per_component(name: str, value: Any, size: int) -> np.ndarray:
