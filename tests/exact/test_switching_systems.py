@@ -277,6 +277,24 @@ def test_what_numba_cannot_compile_is_one_line(equations, successor, message):
     assert "\n" not in str(refused.value)
 
 
+def half(mode, guard, side, z, constants):
+    return mode + side / 2
+
+
+def nothing(mode, guard, side, z, constants):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("successor", "returned"),
+    [(half, "half returns a float64"), (nothing, "nothing returns a none")],
+)
+def test_the_next_mode_is_an_integer(successor, returned):
+    system = System(probe, successor, guards=2, matrices=1)
+    with pytest.raises(TypeError, match=f"{returned} as the next mode; an integer is needed"):
+        system.solve([1.0, 0.0], 0, (0.0, 1.0), constants=(0, 1.0))
+
+
 def test_code_of_a_notebook_is_found_by_the_next_kernel(tmp_path, monkeypatch):
     """A cell is compiled from a file that does not exist and is named after the process."""
     monkeypatch.setattr(machine_code.config, "CACHE_DIR", str(tmp_path))

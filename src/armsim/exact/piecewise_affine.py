@@ -438,12 +438,22 @@ class System:
             signature = tuple(map(typeof, arguments))
             if signature not in self._run.overloads:
                 with announced(f"the exact solver with {name}"):
+                    self._check_successor(signature[0])
                     self._run.compile(signature)
         except (NumbaError, UnsupportedBytecodeError, ValueError) as error:
             lines = re.findall(r"^ *(?!Failed in|During)(\S.*)", str(error), re.M)
             name = [name, *re.findall(r"<function (\S+) at", str(error))][-1]
             reason = f"{name}: {' '.join(lines[:2])}".rstrip(":")
             raise TypeError(f"numba cannot compile {reason}") from None
+
+    def _check_successor(self, constants: types.Type) -> None:
+        """Raise an error if numba would take modes for floats, as `successor` returns one."""
+        function, number = self._functions["successor"], types.int64
+        given = number, number, number, types.float64[::1], constants
+        mode = types.Dispatcher(function).get_call_type(function.typingctx, given, {}).return_type
+        if not isinstance(mode, types.Integer):
+            name = function.py_func.__name__
+            raise TypeError(f"{name} returns a {mode} as the next mode; an integer is needed")
 
     def solve(
         self,
