@@ -53,13 +53,7 @@ def settling_time(t: np.ndarray, signal: np.ndarray, final: float, band: float) 
     t, away = _curve(t, signal, final)
     excess = np.abs(away) - band
     outside = np.flatnonzero(~(excess <= 0))  # a NaN is not inside
-    if outside.size == 0:
-        return float(t[0])
-    last = int(outside[-1])
-    if last == len(t) - 1:
-        return nan
-    inside = excess[last] / (excess[last] - excess[last + 1])
-    return float(t[last] + inside * (t[last + 1] - t[last]))
+    return _zero_after(outside[-1] if outside.size else -1, t, excess)
 
 
 def arrival_time(t: np.ndarray, signal: np.ndarray, level: float) -> float:
@@ -79,12 +73,17 @@ def arrival_time(t: np.ndarray, signal: np.ndarray, level: float) -> float:
     """
     t, left = _curve(t, signal, level)
     reached = np.flatnonzero(left * np.sign(left[0]) <= 0)
-    if reached.size == 0:
-        return nan
-    if (n := int(reached[0])) == 0:
+    return _zero_after(reached[0] - 1 if reached.size else t.size - 1, t, left)
+
+
+def _zero_after(n: int, t: np.ndarray, values: np.ndarray) -> float:
+    """Time of the zero after sample n; the first time if n is -1, NaN after the last sample."""
+    if n < 0:
         return float(t[0])
-    before = left[n - 1] / (left[n - 1] - left[n])
-    return float(t[n - 1] + before * (t[n] - t[n - 1]))
+    if n == t.size - 1:
+        return nan
+    share = values[n] / (values[n] - values[n + 1])
+    return float(t[n] + share * (t[n + 1] - t[n]))
 
 
 def overshoot(signal: np.ndarray, final: float, band: float) -> float:
