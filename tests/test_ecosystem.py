@@ -66,7 +66,6 @@ def results():
         "record": record,
         "problem": fit.problem,
         "fit": fit,
-        "bootstrap": identify.Bootstrap(np.ones((1000, 5))),
     }, {
         "axis": axis,
         "events": ball.events,
@@ -115,11 +114,10 @@ def test_texts_are_short(results):
     for name, held in (runs | values).items():
         assert "\n" not in repr(held), name
         assert len(repr(held)) < (1000 if name in ("errata", "events") else 600), name
-    texts = [repr(runs[name]) for name in ("solution", "record", "bootstrap")]
+    texts = [repr(runs[name]) for name in ("solution", "record")]
     assert texts == [
         "<Solution: 2 states, 1001 times to t = 1>",
         "<Measurement of 651 samples from t = 0 to 1.3>",
-        "<Bootstrap of 1000 refits>",
     ]
     assert repr(runs["fit"]).startswith("<Fit: V_L = 2.69801>")
     assert repr(values["long track"]) == "<Track of 1000 points, 0.08 s apart>"

@@ -411,21 +411,7 @@ def _end(fit: Fit, n: int, side: int) -> float:
         inner, reach = outer, 2 * reach
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Bootstrap:
-    """Estimates from many records simulated with the fitted model."""
-
-    values: np.ndarray  #: (n, k) in SI units, in the order of the fit's names
-
-    def __repr__(self) -> str:
-        return f"<Bootstrap of {len(self.values)} refits>"
-
-    def interval(self, share: float = 0.95) -> np.ndarray:
-        """Percentile intervals (k, 2) that contain a given share of the estimates."""
-        return np.percentile(self.values, [50 * (1 - share), 50 * (1 + share)], axis=0).T
-
-
-def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter) -> Bootstrap:
+def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter) -> np.ndarray:
     """Parametric bootstrap: refit simulated records of the fitted motion with fresh noise.
 
     Parameters
@@ -439,6 +425,11 @@ def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter)
         depend on the number of workers.
     progress
         As for `armsim.parallel.each`, which runs the refits.
+
+    Returns
+    -------
+    (n, k) array
+        Estimates in SI units, in the order of the fit's names.
 
     Raises
     ------
@@ -459,8 +450,7 @@ def bootstrap(fit: Fit, n: int = 1000, seed: int = 0, progress: Progress = iter)
         record = dataclasses.replace(problem.measurement, **dict(seen))
         return np.exp(dataclasses.replace(problem, measurement=record).solve(start, slopes).x)
 
-    values = parallel.each(refit, np.random.SeedSequence(seed).spawn(n), progress)
-    return Bootstrap(np.array(values))
+    return np.array(parallel.each(refit, np.random.SeedSequence(seed).spawn(n), progress))
 
 
 # --- model check --------------------------------------------------------------------------------
