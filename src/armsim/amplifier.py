@@ -15,7 +15,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -154,11 +154,13 @@ class RamanAmplifier:
     # --- the solution and its properties
 
     @cached_property
-    def solution(self) -> Callable[[np.ndarray | float], np.ndarray]:
-        """Powers in W as a function of the position in m, to 12 digits: DOP853 for ln P."""
+    def _logarithms(self) -> Any:
         how = {"rtol": 1e-13, "atol": 1e-14, "dense_output": True}
-        run = self._solved(log_rhs, np.log(self.input_power), "DOP853", **how)
-        return partial(_powers, run.sol)
+        return self._solved(log_rhs, np.log(self.input_power), "DOP853", **how).sol
+
+    def solution(self, z: np.ndarray | float) -> np.ndarray:
+        """Powers in W at the position z in m, to 12 digits: DOP853 for ln P."""
+        return np.exp(self._logarithms(z))
 
     @cached_property
     def output_power(self) -> np.ndarray:
@@ -230,10 +232,6 @@ class RamanAmplifier:
     def positive_steps(self, method: Tableau, form: Form) -> float:
         """Fewest steps for which all powers stay positive; see `fewest`."""
         return fewest(lambda n: bool((self.run(method, form, n) > 0).all()), 2**12)
-
-
-def _powers(logarithms: Callable, z: np.ndarray | float) -> np.ndarray:
-    return np.exp(logarithms(z))
 
 
 def fewest(succeeds: Callable[[int], bool], most: int) -> float:
