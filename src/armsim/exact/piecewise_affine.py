@@ -218,9 +218,7 @@ def sample(room, times, out):
 
 _RUN = """\
 def run(constants, starts, inputs, end, z, mode, limits, room):
-    return solve(
-        equations, successor, given, constants, starts, inputs, end, z, mode, limits, room
-    )
+    return solve(equations, successor, given, constants, starts, inputs, end, z, mode, limits, room)
 """
 
 

@@ -235,13 +235,13 @@ def _rearranged(row: Sequence[Pair], reach: int) -> Iterator[tuple[list[_Reading
 def _picks(ends: Sequence[Sequence[int]], budget: int) -> np.ndarray:
     """Index of the reading of each coefficient (row) in each version (column) within `budget`."""
     blocks = [np.zeros((len(ends), 1), dtype=int)]
-    for j, end in enumerate(ends):
-        blocks.append(np.zeros((len(ends), end[budget] - 1), dtype=int))
-        blocks[-1][j] = np.arange(1, end[budget])
-    for j, k in combinations(range(len(ends)), 2) if budget == 2 else ():
-        both = np.mgrid[1 : ends[j][1], 1 : ends[k][1]].reshape(2, -1)
-        blocks.append(np.zeros((len(ends), both.shape[1]), dtype=int))
-        blocks[-1][[j, k]] = both
+    for n in range(1, budget + 1):
+        for changed in combinations(range(len(ends)), n):
+            # If two change, each does so by one edit.
+            ranges = tuple(slice(1, ends[j][budget + 1 - n]) for j in changed)
+            picked = np.mgrid[ranges].reshape(n, -1)
+            blocks.append(np.zeros((len(ends), picked.shape[1]), dtype=int))
+            blocks[-1][list(changed)] = picked
     return np.hstack(blocks)
 
 
