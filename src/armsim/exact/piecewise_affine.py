@@ -244,7 +244,7 @@ class ExactSolution:
 
     room: Room
     end: float
-    sample: Callable[[Room, np.ndarray, np.ndarray], None]  #: compiled, see `sample`
+    sample: Callable[[Room, np.ndarray, np.ndarray], None]  #: see `sample`
     mode_name: Callable[[int], Any] = _itself
     guard_name: Callable[[int], Any] = _itself
     inputs: Sequence[tuple[float, Any]] = ()  #: (time, input from then on)
