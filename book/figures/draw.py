@@ -225,8 +225,9 @@ class _Scene(Sheet):
 
     def shape(self, outline: Any, tone: float) -> None:
         """Draw a flat outline of the sheet, shaded from 0 (white) to 1 (ink)."""
-        fill = 1 - tone * (1 - np.array(mpl.colors.to_rgb(INK)))
-        self.add(Polygon(outline, fc=fill, ec=INK, lw=0.9, joinstyle="round", zorder=2))
+        self.add(Polygon(outline, fc="white", lw=0, zorder=2))  # the page, light or dark
+        tint = (*mpl.colors.to_rgb(INK), tone)
+        self.add(Polygon(outline, fc=tint, ec=INK, lw=0.9, joinstyle="round", zorder=2))
 
     def face(self, *corners: Space, tone: float) -> None:
         """Draw a flat face."""
