@@ -15,7 +15,8 @@ all parameters are changed together, one that breaks a condition beside those be
 
 A run is right if it ends with exit code 0, no table has a ``nan``, and none is mostly dashes that
 is not so in the book, or by default if the book is not built; or if a condition refuses the value
-before anything runs. The exit code is 0 if all are right.
+before anything runs. A run that ``--limit`` stops is listed as long if it has told when it will
+end, and is not right if it has not. The exit code is 0 if none is "not right".
 """
 
 import argparse
@@ -38,6 +39,7 @@ from reportkit.project import Project
 
 PROJECT = Project.find(Path(__file__))
 ALL = "all parameters"
+BEFORE = ", of the rest it has told: "
 
 
 def bounds(allowed: str, usual: list[Any]) -> tuple[float, float]:
@@ -139,7 +141,9 @@ def run(notebook: Notebook, values: Mapping[str, Any], limit: float | None) -> O
                 errors = process.communicate(timeout=limit)[1]
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGTERM)  # armsim ends its kernel by it
-                errors = f"{process.communicate()[1]}\nstopped after {limit:g} s"
+                errors = process.communicate()[1]
+                left = re.findall(r"about ([\d:]+) left", errors)
+                errors += f"\nstopped after {limit:g} s" + (f"{BEFORE}{left[-1]}" if left else "")
         last = (errors.strip().splitlines() or [""])[-1].strip()
         made = next(Path(parent).glob("[0-9]*"), Path(parent))
         found = without_numbers(made, notebook.name)
@@ -161,30 +165,30 @@ def without_numbers(folder: Path, name: str) -> tuple[set[str], set[str], set[st
     return nan, dashes, recorded
 
 
-def sweep(notebook: Notebook, only: list[str], jobs: int, limit: float | None) -> tuple[int, int]:
-    """Run and tell all ends of a notebook; return how many there are and how many are not right."""
+def sweep(notebook: Notebook, only: list[str], jobs: int, limit: float | None) -> list[str]:
+    """Run and tell all ends of a notebook; return of each whether it is "ok", "LONG" or "BAD"."""
 
-    def one(trial: tuple[str, str, dict[str, Any]]) -> bool:
+    def one(trial: tuple[str, str, dict[str, Any]]) -> str:
         name, end, values = trial
         got = run(notebook, values, limit)
         complaints = [f"NaN in {table}" for table in got.nan - nan]
         complaints += [f"dashes in {table}" for table in got.dashes - dashes]
         conditions = (f"expected {condition}" in got.error for condition in notebook.conditions)
         right = (got.code == 2 and any(conditions)) or (got.code == 0 and not complaints)
+        result = "ok" if right else "LONG" if BEFORE in got.error else "BAD"
         complaints += [got.error] if got.error else []
         if got.code == 0 and (missing := len(recorded - got.recorded)):
             complaints.append(f"{missing} of {len(recorded)} values do not apply")
         value = f": {text_of(values[name])}" if name != ALL else ""
         told = f"{notebook.name[:2]} {name} {end}{value}: exit {got.code}, {got.seconds:.0f} s"
-        print("ok " if right else "BAD", "; ".join([told, *complaints]), flush=True)
-        return right
+        print(f"{result:4}", "; ".join([told, *complaints]), flush=True)
+        return result
 
     nan, dashes, recorded = without_numbers(PROJECT.results, notebook.name)
     if not recorded:
         *_, nan, dashes, recorded = run(notebook, {}, limit)
     with ThreadPoolExecutor(jobs) as pool:
-        results = [*pool.map(one, trials(notebook, only))]
-    return len(results), results.count(False)
+        return [*pool.map(one, trials(notebook, only))]
 
 
 def main() -> int:
@@ -198,10 +202,9 @@ def main() -> int:
     choices = PROJECT.read_choices()
     names = given.notebooks or [path.stem for path in parameters.sources(PROJECT.notebooks)]
     notebooks = [parameters.find(name, PROJECT.notebooks, choices) for name in names]
-    counts = [sweep(one, given.parameter, given.jobs, given.limit) for one in notebooks]
-    runs, wrong = map(sum, zip(*counts, strict=True))
-    print(f"{runs} runs, {wrong} not right")
-    return int(wrong > 0)
+    found = [r for one in notebooks for r in sweep(one, given.parameter, given.jobs, given.limit)]
+    print(f"{len(found)} runs, {found.count('LONG')} long, {found.count('BAD')} not right")
+    return int("BAD" in found)
 
 
 if __name__ == "__main__":
