@@ -16,7 +16,9 @@ BUILT := _build/.built
 # Left out: copies such as "10_model-Copy1.ipynb", and names that make would take apart.
 STUDIES = $(shell ls -r $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
 NOTEBOOKS := $(addprefix notebooks/,$(call STUDIES,notebooks))
-RESULTS := $(NOTEBOOKS:notebooks/%=book/results/%)
+# Those that measure times come last: before they do, they would wait for the others.
+TIMED := $(shell grep -lE '\bmeasure\(' $(NOTEBOOKS) /dev/null)
+RESULTS := $(patsubst notebooks/%,book/results/%,$(filter-out $(TIMED),$(NOTEBOOKS)) $(TIMED))
 STALE := $(filter-out $(RESULTS),$(addprefix book/results/,$(call STUDIES,book/results)))
 PLAIN := ! -path '*[!-+./0-9A-Z_a-z]*'
 # What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
@@ -105,7 +107,7 @@ book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m reportkit.execute $< $(@D)
 	$(call NOTE,$*)
 
-# Three at a time keep two processors busy: one of them may wait until it can measure times alone.
+# Three at a time keep two processors busy while one of them waits to measure times alone.
 MAKEFLAGS += --jobs=3
 
 # What the pages show of all results together: the verdicts; the modules, versions and data.

@@ -166,7 +166,7 @@ def spent() -> float:
     count yet.
     """
     get_reusable_executor().shutdown()
-    return sum(os.times()[:4])
+    return time.process_time() + sum(os.times()[2:4])
 
 
 def processor() -> str:

@@ -183,8 +183,9 @@ def test_machine_names_its_software():
 
 
 def test_processor_time_of_children_counts_and_waiting_does_not(monkeypatch):
-    """The system's times are of this process, of its children, and elapsed."""
+    """The system's times are of this process, coarse, of its children, and elapsed."""
     monkeypatch.setattr(timing.os, "times", lambda: os.times_result((1.0, 2.0, 4.0, 8.0, 16.0)))
+    monkeypatch.setattr(timing.time, "process_time", lambda: 3.0)
     assert spent() == 15.0
 
 
@@ -199,8 +200,9 @@ def test_idle_workers_are_ended_before_their_time_is_read(monkeypatch):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, 0)
                 alive.append(pid)
-        return os.times_result((1.0, 0.0, 0.0, 0.0, 0.0))
+        return os.times_result((0.0, 0.0, 1.0, 0.0, 0.0))
 
     monkeypatch.setattr(timing.os, "times", times)
+    monkeypatch.setattr(timing.time, "process_time", lambda: 0.0)
     assert spent() == 1.0
     assert alive == []

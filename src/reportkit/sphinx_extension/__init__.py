@@ -11,7 +11,7 @@ from reportkit.sphinx_extension import chapters, figures, links, looks, search, 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Connect everything to Sphinx."""
     app.add_directive("again", chapters.Again)
-    app.add_generic_role("minutes", chapters.Minutes)
+    app.add_role("minutes", chapters.Minutes())
     app.add_post_transform(chapters.CountWords)
     app.add_post_transform(links.LinkSources)
     app.add_node(nodes.citation, override=True, html=(looks.visit_citation, looks.depart_citation))

@@ -15,7 +15,7 @@ from myst_nb.ext.glue.utils import PendingGlueReference
 from sphinx import addnodes
 from sphinx.environment import BuildEnvironment
 from sphinx.transforms.post_transforms import SphinxPostTransform
-from sphinx.util.docutils import SphinxDirective
+from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 from reportkit import claims, text
 from reportkit.project import Project
@@ -55,24 +55,31 @@ class Again(SphinxDirective):
         return self.parse_text_to_nodes(told)
 
 
-class Minutes(nodes.Inline, nodes.TextElement):
-    """Names of pages, until their reading time can be told: when all pages are read."""
+class _Minutes(nodes.Inline, nodes.TextElement):
+    """Stands for a reading time until all pages are read."""
+
+
+class Minutes(SphinxRole):
+    """Quote the minutes that it takes to read pages of the same folder; ``*`` is the whole book."""
+
+    def run(self) -> tuple[list[nodes.Node], list[nodes.system_message]]:
+        """Return the placeholder."""
+        page, names = Path(self.env.docname), self.text.split()
+        pages = [page.with_name(name).as_posix() for name in names if name != "*"]
+        return [_Minutes(pages=pages)], []
 
 
 class CountWords(SphinxPostTransform):
-    """Replace the names of pages of the same folder, or ``*``, the whole book, by minutes."""
+    """Replace reading times by numbers."""
 
     default_priority = 4
 
     def run(self, **_: Any) -> None:
         """Change the tree of a page."""
-        here = Path(self.env.docname)
         whole = [page for page in self.env.collect_relations() if "results/" not in page]
-        for time in list(self.document.findall(Minutes)):
-            pages = [here.with_name(name).as_posix() for name in time.astext().split()]
-            told = whole if time.astext() == "*" else pages
-            minutes = sum(_words(self.env, page) for page in told) / WORDS_A_MINUTE
-            time.replace_self(nodes.Text(f"{max(1, round(minutes))}"))
+        for time in list(self.document.findall(_Minutes)):
+            words = sum(_words(self.env, page) for page in time["pages"] or whole)
+            time.replace_self(nodes.Text(f"{max(1, round(words / WORDS_A_MINUTE))}"))
 
 
 @lru_cache(maxsize=256)
