@@ -17,7 +17,8 @@ BUILT := _build/.built
 STUDIES = $(shell ls -r $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
 NOTEBOOKS := $(addprefix notebooks/,$(call STUDIES,notebooks))
 # Those that measure times come last: before they do, they would wait for the others.
-TIMED := $(shell grep -lE '\bmeasure\(' $(NOTEBOOKS) /dev/null)
+CALLED := \bmeasure\(
+TIMED := $(shell grep -lE '$(CALLED)' $(NOTEBOOKS) /dev/null)
 RESULTS := $(patsubst notebooks/%,book/results/%,$(filter-out $(TIMED),$(NOTEBOOKS)) $(TIMED))
 STALE := $(filter-out $(RESULTS),$(addprefix book/results/,$(call STUDIES,book/results)))
 PLAIN := ! -path '*[!-+./0-9A-Z_a-z]*'
