@@ -14,6 +14,7 @@ RESULTS = ROOT / "book" / "results"
 LEFT_OUT = {
     "12_order_conditions",
     "20_linear_step_response",
+    "30_nonlinear_step_response",
     "40_exact_solution",
     "52_parameter_fit",
     "54_parameter_study",
