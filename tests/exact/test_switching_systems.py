@@ -11,7 +11,7 @@ from numba import njit
 from scipy.optimize import brentq
 
 from armsim import machine_code
-from armsim.exact import System
+from armsim.exact import System, piecewise_affine
 from armsim.methods import IntegrationError
 
 ROOT = Path(__file__).parents[2]
@@ -293,6 +293,18 @@ def test_the_next_mode_is_an_integer(successor, returned):
     system = System(probe, successor, guards=2, matrices=1)
     with pytest.raises(TypeError, match=f"{returned} as the next mode; an integer is needed"):
         system.solve([1.0, 0.0], 0, (0.0, 1.0), constants=(0, 1.0))
+
+
+def test_a_system_that_is_compiled_runs_once_and_does_nothing_else(monkeypatch):
+    """To find the types of the arguments again takes as long as a hundred events."""
+    thermostat, calls = import_module("thermostat"), []
+    arguments = 15.0, 500.0, 5.0, (0.25, 6.0, 19.0, 21.0)
+    solver = thermostat.solve(*arguments) and thermostat.ROOM._run
+    monkeypatch.setattr(piecewise_affine, "typeof", None)
+    count = lambda *given: calls.append(given) or solver(*given)  # noqa: E731
+    monkeypatch.setitem(thermostat.ROOM.__dict__, "_run", count)
+    assert len(thermostat.solve(*arguments).events) > 600
+    assert len(calls) == 1
 
 
 def test_code_of_a_notebook_is_found_by_the_next_kernel(tmp_path, monkeypatch):

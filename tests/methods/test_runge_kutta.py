@@ -512,6 +512,25 @@ def test_a_blow_up_names_method_form_step_component_and_time(fun, form):
     assert 1.0 <= time < 1.1
 
 
+@pytest.mark.parametrize("form", runge_kutta.FORMS)
+def test_a_state_that_is_lost_for_one_step_only_stays_lost(form):
+    """The last state tells, so that a run that ends well need not be searched."""
+
+    def wild(t, y):
+        return [np.nan if 0.5 < t < 0.6 else 0.0]
+
+    with pytest.raises(IntegrationError, match=r"blew up at t = 0\.54, step 18"):
+        integrate(wild, (0, 1), [1.0], tableaux.EULER, 0.03, form)
+
+
+def test_the_states_of_a_run_that_ends_well_are_not_all_read(monkeypatch):
+    read = []
+    monkeypatch.setattr(runge_kutta.np, "isfinite", lambda y, f=np.isfinite: read.append(y) or f(y))
+    for form in ("additive", "exponential"):
+        integrate(hairer, (0, 1), [1.0, 1.5], tableaux.EULER, 1e-3, form)
+    assert sum(map(np.size, read)) < 100
+
+
 def test_a_blow_up_gives_no_warning_beside_its_error(recwarn):
     with pytest.raises(IntegrationError):
         integrate(square.py_func, (0, 3), [1.0, 1.0], tableaux.DP5, 0.01)

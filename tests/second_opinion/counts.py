@@ -43,6 +43,7 @@ def opinions() -> dict[str, tuple[float, float]]:
     spreads = [max(row) - min(row) for row in zip(*metrics.values(), strict=True)]
     better = [a - b for a, b in zip(metrics["RK6"], metrics["DP4"], strict=True)]
     values = {
+        "metric_cost": (metrics["DP4"][0], 1e-9),
         "metric_cost_spread": (max(spreads), 1e-9),
         "metric_cost_better": (max(better), 1e-9),
         "coefficients_DP4": (coefficients(METHODS["DP4"]), 0.0),

@@ -34,7 +34,7 @@ AT_ONCE = 25
 FINISHED, NOT_FINITE, TOO_INEXACT, WRONG_MODE, MODES_CHASE = range(5)
 NO_ROOM, TOO_MANY_EVENTS, TOO_MANY_PIECES, TOO_MANY_MATRICES, SEARCH_TOO_LONG = range(5, 10)
 #: Rows of the first room for pieces and events, beside two for each input.
-_ROWS = 256
+_ROWS = 2048
 
 
 class Room(NamedTuple):
@@ -386,6 +386,15 @@ def _fault(mode: Mode) -> str:
     )
 
 
+class _Uncompiled(Exception):
+    """There is no machine code yet for arguments of these types."""
+
+
+def _ask(signature: Any) -> None:
+    """Stand in for the compilation that numba starts by itself, which announces nothing."""
+    raise _Uncompiled
+
+
 @dataclass(frozen=True)
 class System:
     """A piecewise-affine system.
@@ -428,18 +437,19 @@ class System:
 
     @cached_property
     def _run(self) -> Any:
-        return generated(_RUN, self._functions | {"solve": solve, "given": given}, **OPTIONS)
+        run: Any = generated(_RUN, self._functions | {"solve": solve, "given": given}, **OPTIONS)
+        run.compile_now, run.compile = run.compile, _ask
+        return run
 
     def _compile(self, *arguments: Any) -> None:
-        """Compile for the types of the arguments, unless this has been done."""
+        """Compile for the types of the arguments."""
         functions = self.equations, self.successor
         name = " and ".join(getattr(function, "__name__", repr(function)) for function in functions)
         try:
             signature = tuple(map(typeof, arguments))
-            if signature not in self._run.overloads:
-                with announced(f"the exact solver with {name}", self._run):
-                    self._check_successor(signature[0])
-                    self._run.compile(signature)
+            with announced(f"the exact solver with {name}", self._run):
+                self._check_successor(signature[0])
+                self._run.compile_now(signature)
         except (NumbaError, UnsupportedBytecodeError, ValueError) as error:
             lines = re.findall(r"^ *(?!Failed in|During)(\S.*)", str(error), re.M)
             name = [name, *re.findall(r"<function (\S+) at", str(error))][-1]
@@ -512,7 +522,10 @@ class System:
 
         def run(room: Room) -> tuple:
             arguments = constants, starts, given_inputs, end, z.copy(), checked_mode, limits, room
-            self._compile(*arguments)
+            try:  # to find the types of the arguments takes as long as a hundred events
+                return self._run(*arguments)
+            except _Uncompiled:
+                self._compile(*arguments)
             return self._run(*arguments)
 
         room = recorded(run, (z.size, *sizes), starts.size)
