@@ -24,7 +24,7 @@ Data: TypeAlias = Mapping[str, Any] | pd.DataFrame
 
 _STUDY = re.compile(r"\d\d_[a-z0-9_]+")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-_NUMBER = re.compile(r"\$?[-+−]?[\d.]")
+_NUMBER = re.compile(r"\$?[-+−]?[\d.](?!.*, )")  # and not a list of them
 
 
 class Study:
