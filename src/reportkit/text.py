@@ -65,6 +65,11 @@ def powers(told: str) -> str:
     return _EXPONENTIAL.sub(_power, told)
 
 
+def grouped(told: str) -> str:
+    """Return a text with the digits of integers of five or more in groups of three."""
+    return _LONG.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), told)
+
+
 def _power(found: re.Match[str]) -> str:
     raised = str(int(found[2].replace("−", "-"))).translate(_RAISED)
     factor = found[1].removesuffix(".")
@@ -101,7 +106,7 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
 def _cell(value: Any) -> str:
     told = powers(str(value)).replace("|", r"\|").replace("\n", " ")
     if "$" not in told:
-        told = _LONG.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), told)
+        told = grouped(told)
     return re.sub(r"(?<=\d) (?=%)", "\u00a0", told)
 
 

@@ -7,7 +7,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
 
-from reportkit.text import powers
+from reportkit.text import grouped, powers
 
 _UNITS = "%|°|1?/s|[kmnµ]?[msVANWg]|k?Hz|dB|m?m/s|rad/s|k?N/m|N s/m|[VA]/V"
 #: The space before a unit: of a number, and at the end of a heading, "error / mm".
@@ -19,10 +19,10 @@ _AS_IT_IS = (nodes.literal, nodes.literal_block, nodes.raw, nodes.math, nodes.ma
 
 
 def set_numbers(app: Sphinx, doctree: nodes.document, page: str) -> None:
-    """Set quoted numbers with minus signs and powers, and keep every number with its unit."""
+    """Set quoted numbers as a report writes them, and keep every number with its unit."""
     for quoted in doctree.findall(nodes.inline):
         if "pasted-text" in quoted["classes"]:
-            quoted[:] = [nodes.Text(re.sub("^-", "−", powers(quoted.astext())))]
+            quoted[:] = [nodes.Text(re.sub("^-", "−", grouped(powers(quoted.astext()))))]
     told = ""  # the text before, which may be a quoted number
     for text in list(doctree.findall(nodes.Text)):
         if not isinstance(text.parent, _AS_IT_IS):
