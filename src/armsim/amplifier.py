@@ -134,7 +134,7 @@ class RamanAmplifier:
 
     @cached_property
     def gain(self) -> np.ndarray:
-        """Gain in 1/(W m): entry [j, i] is the growth rate of wave i per watt of wave j."""
+        """Gain in 1/(W m), whose entry [j, i] is the growth rate of wave i per watt of wave j."""
         source, wave = self.frequency[:, None], self.frequency[None, :]
         higher = np.maximum(source, wave) / (c / 1450e-9)
         photons = np.where(source < wave, wave / source, 1.0)
@@ -169,7 +169,7 @@ class RamanAmplifier:
 
     @property
     def on_off_gain(self) -> np.ndarray:
-        """Gain of each signal in dB: its output power over that with loss alone."""
+        """Gain of each signal in dB, its output power over that with loss alone."""
         lossy = self.input_power * np.exp(-self.loss * self.length)
         return 10 * np.log10(self.output_power / lossy)[len(self.pump_powers) :]
 

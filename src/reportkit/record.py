@@ -24,7 +24,7 @@ Data: TypeAlias = Mapping[str, Any] | pd.DataFrame
 
 _STUDY = re.compile(r"\d\d_[a-z0-9_]+")
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-_NUMBER = re.compile(r"\$?[-+−]?[\d.]")
+_NUMBER = re.compile(r"\$?[-+−]?[\d.](?!.*, )")  # and not a list of them
 
 
 class Study:
@@ -147,7 +147,7 @@ class Study:
             Named like a record; once per study.
         rows : DataFrame, or iterable of mappings or of sequences
             Cells, as they are to appear, mathematics included. The index is left out.
-            A column most of whose cells are numbers is set flush right.
+            A column most of whose cells, apart from dashes, are numbers is set flush right.
         columns : sequence of str, optional
             Headings, if the rows are sequences.
 
@@ -160,7 +160,7 @@ class Study:
         if not all(str(name).strip() for name in frame.columns):
             raise ValueError(f"table {key}: a heading is missing in {list(frame.columns)}")
         numeric = frame.map(lambda cell: bool(_NUMBER.match(str(cell))))
-        right = np.flatnonzero(numeric.mean() > 0.5)
+        right = np.flatnonzero(numeric.sum() > 0.5 * (frame != "–").sum())
         table = text.markdown_table(list(frame), frame.itertuples(index=False), right)
         path = self._new(key, "md")
         text.write(path, table)

@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, select_autoescape
 Row: TypeAlias = Sequence[Any]  #: cells of a table
 
 _EXPONENTIAL = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)e([-+−]\d+)\b")
+_LONG = re.compile(r"(?<![\w.])\d{5,}(?![\w.])")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -64,6 +65,11 @@ def powers(told: str) -> str:
     return _EXPONENTIAL.sub(_power, told)
 
 
+def grouped(told: str) -> str:
+    """Return a text with the digits of integers of five or more in groups of three."""
+    return _LONG.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), told)
+
+
 def _power(found: re.Match[str]) -> str:
     raised = str(int(found[2].replace("−", "-"))).translate(_RAISED)
     factor = found[1].removesuffix(".")
@@ -87,7 +93,8 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
         Headings of the columns.
     rows : iterable of sequences
         Cells; a bar in one is escaped, a line break becomes a space, ``5e-06`` is
-        written as `powers` does, and a number stays with its per cent sign.
+        written as `powers` does, a number stays with its per cent sign, and the digits of
+        a long integer stand in groups, except among formulas.
     right : iterable of int
         Numbers of the columns that are set flush right.
     """
@@ -98,6 +105,8 @@ def markdown_table(heading: Row, rows: Iterable[Row], right: Iterable[int] = ())
 
 def _cell(value: Any) -> str:
     told = powers(str(value)).replace("|", r"\|").replace("\n", " ")
+    if "$" not in told:
+        told = grouped(told)
     return re.sub(r"(?<=\d) (?=%)", "\u00a0", told)
 
 

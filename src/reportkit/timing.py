@@ -34,8 +34,8 @@ COLUMNS = ["repetition", "place", "function", "calls", "seconds"]
 class Timing:
     """Repeated measurements of the processor time of some functions; see `measure`."""
 
-    #: Each measurement, in the order in which they were taken: its repetition and its place in
-    #: that, the function, the number of calls, and the seconds of one call as their mean.
+    #: Each measurement, in the order in which they were taken, with its repetition and its place
+    #: in that, the function, the number of calls, and the seconds of one call as their mean.
     frame: pd.DataFrame
     clock: str
     resolution: float  #: s, of the clock, as measured

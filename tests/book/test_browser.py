@@ -111,6 +111,7 @@ def test_page_reads_well(path, visit):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
     nothing_is_cut_off_on_a_phone(page)
+    headings_of_tables_are_not_squeezed(page)
     page.wait_for_function(  # what scrolls can be reached by the keyboard, after a moment
         "[...document.querySelectorAll('pre, .pst-scrollable-table-container, .plan, .sig')]"
         ".every(e => e.scrollWidth <= e.clientWidth || e.tabIndex == 0)"
@@ -157,6 +158,15 @@ def nothing_is_cut_off_on_a_phone(page):
         ".filter(e => e.getBoundingClientRect().left < 0).map(e => e.outerHTML.slice(0, 200))"
     )
     assert cut_off == []
+
+
+def headings_of_tables_are_not_squeezed(page):
+    squeezed = page.evaluate(
+        "[...document.querySelectorAll('.bd-article th p')]"  # those of the verdicts are hidden
+        ".filter(e => !e.closest('.claim') && e.clientHeight > 3.5 * parseFloat(getComputedStyle(e).lineHeight))"
+        ".map(e => e.textContent)"
+    )
+    assert squeezed == []
 
 
 def logo_and_search_stay_in_sight(page):

@@ -121,6 +121,13 @@ def test_no_markup_is_left_over(page):
     assert not any("problematic" in attrs.get("class", "").split() for _, attrs in page.tags)
 
 
+def test_docstrings_of_attributes_are_whole(site):
+    # napoleon takes what stands before a colon for a type
+    api = (site / "book" / "api.html").read_text(encoding="utf-8")
+    assert re.findall(r"Type<span class=.colon.*\s*<dd[^>]*><p>(.*)</p>", api) == ["int"]
+    assert "Alias for field number" not in api
+
+
 def test_quoted_negative_numbers_have_a_minus_sign(path):
     assert '<span class="pasted-text">-' not in path.read_text(encoding="utf-8")
 

@@ -187,9 +187,10 @@ def test_table_is_made_of_rows(study, rows, columns):
 
 def test_table_sets_a_column_right_if_most_of_it_are_numbers(study):
     cells = {"some": ["1", "–", "not yet"], "most": ["1", "–", "2"], "none": ["–", "a", "b"]}
+    cells |= {"lists": ["1, 2", "1, 2, 3", "4"], "one": ["–", "–", 1]}
     study.table("t", pd.DataFrame(cells))
     rules = (study.results / "20_topic-t.md").read_text().splitlines()[1]
-    assert rules == "| --- | ---: | --- |"
+    assert rules == "| --- | ---: | --- | --- | ---: |"
 
 
 def test_table_needs_headings(study):

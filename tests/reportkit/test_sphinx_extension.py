@@ -24,9 +24,10 @@ note = "no clock"
 """
 PAGE = """# Growth
 
-The rate is {glue:text}`results/10_growth.ipynb::rate:.1f`,
+The rate is {glue:text}`results/10_growth.ipynb::rate:.1f` %,
 at first {glue:text}`results/10_growth.ipynb::first:.1e`.
 This takes {minutes}`long`, all {minutes}`*`.
+It lasts 10⁻³ s over 5 km.
 
 ```{figure} results/10_growth-curve.svg
 A curve.
@@ -66,7 +67,7 @@ def site(tmp_path_factory):
     (root / "book" / "verdicts.md").write_text("# Verdicts\n")
     (results / "verdicts.csv").write_text("claim,where,verdict\nfast,2,cannot be tested\n")
     (results / "10_growth-curve.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
-    (results / "10_growth-ends.md").write_text("| a |\n|---|\n| 1 |\n")
+    (results / "10_growth-ends.md").write_text("| load / (N s/m) |\n|---|\n| 1 |\n")
     mime = "application/papermill.record/text/plain"
     glued = [
         output({mime: value}, {"scrapbook": {"name": name, "mime_prefix": mime[:29]}})
@@ -107,6 +108,11 @@ def test_values_have_minus_signs_and_powers(page):
     assert ">−2.5 · 10⁻⁷</span></a>" in page
 
 
+def test_no_line_ends_between_a_number_and_its_unit(page):
+    assert ">1.5</span></a>\u00a0%," in page and "10⁻³\u00a0s over 5\u00a0km." in page
+    assert "load /\u00a0(N\u00a0s/m)</p></th>" in page
+
+
 def test_box_and_verdicts_end_the_chapter(page):
     end = re.sub(r"<[^>]+>", "", page[page.index("Verdicts</strong>") :])
     assert "? cannot be tested: it is fast" in end
@@ -121,7 +127,9 @@ def test_reading_times_come_from_the_words(page):
 
 def test_sections_are_kept_for_the_search(site):
     script = (site / "_static" / "sections.js").read_text(encoding="utf-8")
-    assert '"book/growth": [["growth", "Growth", "The rate is 1.5, at first −2.5 · 10⁻⁷.' in script
+    assert (
+        '"book/growth": [["growth", "Growth", "The rate is 1.5 %, at first −2.5 · 10⁻⁷.' in script
+    )
     search = (site / "search.html").read_text(encoding="utf-8")
     assert "sections.js" in search
     assert "sections.js" not in (site / "index.html").read_text(encoding="utf-8")

@@ -60,6 +60,12 @@ def test_a_number_stays_with_its_per_cent_sign():
     assert text.markdown_table(["5 %"], []).splitlines()[0] == "| 5\u00a0% |"
 
 
+def test_digits_of_a_long_integer_stand_in_groups():
+    cells = ["1400", "−87500 + 1.87500", "DOP85300", "$46732/4247$"]
+    row = text.markdown_table(cells, []).splitlines()[0]
+    assert row == "| 1400 | −87\u202f500 + 1.87500 | DOP85300 | $46732/4247$ |"
+
+
 def test_markdown_table_escapes_its_cells():
     table = text.markdown_table(["a|b", "c"], [["x\ny", 1], ["|z|", 2.5]], right=[1])
     assert table == "| a\\|b | c |\n| --- | ---: |\n| x y | 1 |\n| \\|z\\| | 2.5 |\n"

@@ -21,7 +21,7 @@ from armsim.arm.dynamics import Region, affine
 from armsim.arm.parameters import AxisParameters
 from armsim.checks import checked_number, reals
 
-#: Region of steady forward motion: no limit active, teeth engaged, no static friction.
+#: Region of steady forward motion, with no limit active, teeth engaged and no static friction.
 ENGAGED = Region(preamplifier=0, power=0, contact=1, friction=0)
 #: Changes of an axis that leave no play, no static friction and no limit in reach.
 UNLIMITED = {"H": 0.0, "F_0": 0.0, "V_L": 1e9, "V_M": 1e9}

@@ -51,7 +51,7 @@ class Trajectory:
 
     @property
     def t(self) -> np.ndarray:
-        """Times (n,) in s: the steps, or for an exact run a plotting grid with all events."""
+        """Times (n,) in s, the steps or for an exact run a plotting grid with all events."""
         return self.solution.t
 
     @property

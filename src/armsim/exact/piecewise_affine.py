@@ -45,7 +45,7 @@ class Room(NamedTuple):
     event_time: np.ndarray  #: (e, 1)
     event: np.ndarray  #: (e, 4) guard, side, mode before, mode after
     here: Mode  #: as last filled in
-    matrices: Matrices
+    matrices: Matrices  #: of the modes, as labelled
 
 
 # --- a run ------------------------------------------------------------------------------------
@@ -228,10 +228,10 @@ def run(constants, starts, inputs, end, z, mode, limits, room):
 class Event(NamedTuple):
     """Change of the mode at one time."""
 
-    time: float
+    time: float  #: of the change
     before: Any  #: mode
     after: Any  #: mode
-    causes: tuple[tuple[Any, int], ...]  #: guards that left, and sides: -1 below, +1 above
+    causes: tuple[tuple[Any, int], ...]  #: guards that left; side -1 below, +1 above
 
 
 def _itself(value: Any) -> Any:
@@ -301,7 +301,7 @@ class ExactSolution:
 
     @cached_property
     def t(self) -> np.ndarray:
-        """Times for a plot: a thousand equal intervals, the events and the switches of input."""
+        """Times for a plot, a thousand equal intervals with the events and switches of input."""
         even = np.linspace(self.start, self.end, 1001)
         switches = [time for time, _ in self.inputs if time < self.end]
         return np.unique(np.concatenate((even, self.room.event_time[:, 0], switches)))

@@ -97,7 +97,7 @@ class Tableau:
 
     @cached_property
     def evaluated_stages(self) -> tuple[int, ...]:
-        """Stages needed by a fixed step: those that affect the result through the weights `b`."""
+        """Stages needed by a fixed step, those that affect the result through the weights `b`."""
         needed: set[int] = set()
         for i in reversed(range(self.stages)):
             if self.b[i] != 0 or any(self.A[k, i] != 0 for k in needed):

@@ -15,8 +15,6 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 
 from reportkit.project import Project
 
-#: The space before a unit.
-_UNIT = re.compile(r"^\s(?=(?:%|°|/s|[kmnµ]?[msVANWg]|m/s|rad/s|N s/m|Hz|dB)(?:[\s,.;:)²]|$))")
 #: The notebook that made a file of results: ``30_topic`` of ``30_topic-key.svg``.
 _MADE_BY = re.compile(r"(\d\d_\w+)-([\w-]+)\.(svg|md)")
 
@@ -46,9 +44,6 @@ class LinkSources(SphinxPostTransform):
             if link := self._link(quoted.refdoc, quoted.key, quoted.key, "value"):
                 quoted.replace_self(link)
                 link += quoted
-                after = link.next_node(descend=False, siblings=True)
-                if isinstance(after, nodes.Text):  # no line ends between a number and its unit
-                    after.parent.replace(after, nodes.Text(_UNIT.sub("\u00a0", after)))
         for figure in self.document.findall(nodes.figure):
             if (image := figure.next_node(nodes.image)) and "uri" in image:
                 self._extend(figure.next_node(nodes.caption), image["uri"])

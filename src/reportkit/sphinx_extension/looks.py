@@ -7,14 +7,29 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator as HTMLTranslator
 
-from reportkit.text import powers
+from reportkit.text import grouped, powers
+
+_UNITS = "%|°|1?/s|[kmnµ]?[msVANWg]|k?Hz|dB|m?m/s|rad/s|k?N/m|N s/m|[VA]/V"
+#: The space before a unit: of a number, and at the end of a heading, "error / mm".
+_UNIT = re.compile(
+    rf"(?<=[\d⁰¹²³⁴-⁹])\s(?=(?:{_UNITS})(?:[\s,.;:)²”]|$))"
+    rf"|(?<=/) (?=\(?(?:{_UNITS})\)?$)|(?<=N) (?=s/m)"
+)
+_AS_IT_IS = (nodes.literal, nodes.literal_block, nodes.raw, nodes.math, nodes.math_block)
 
 
 def set_numbers(app: Sphinx, doctree: nodes.document, page: str) -> None:
-    """Give quoted numbers a minus sign instead of a hyphen, and powers for exponents."""
+    """Set quoted numbers as a report writes them, and keep every number with its unit."""
     for quoted in doctree.findall(nodes.inline):
         if "pasted-text" in quoted["classes"]:
-            quoted.children = [nodes.Text(re.sub("^-", "−", powers(quoted.astext())))]
+            quoted[:] = [nodes.Text(re.sub("^-", "−", grouped(powers(quoted.astext()))))]
+    told = ""  # the text before, which may be a quoted number
+    for text in list(doctree.findall(nodes.Text)):
+        if not isinstance(text.parent, _AS_IT_IS):
+            joined = _UNIT.sub("\u00a0", told[-1:] + text)[len(told[-1:]) :]
+            if joined != text:
+                text.parent.replace(text, nodes.Text(joined))
+        told = text.astext()
 
 
 def visit_citation(self: HTMLTranslator, node: nodes.citation) -> None:
