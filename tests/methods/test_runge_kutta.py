@@ -1,5 +1,6 @@
 """`integrate`: order, agreement with a plain Runge-Kutta step, limits, input and errors."""
 
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -440,7 +441,8 @@ def test_the_exponential_form_needs_positive_components(y0):
 
 @pytest.mark.parametrize("args", [-1, 4.0, None, [4.0], np.array([4.0])])
 def test_arguments_that_are_no_tuple_are_refused(args):
-    with pytest.raises(TypeError, match=r"args = .*: a tuple is needed, such as \("):
+    told = re.escape(f"args = {args!r}: a tuple is needed, such as ({args!r},)")
+    with pytest.raises(TypeError, match=told):
         integrate(oscillator, (0, 1), [1.0, 0.0], tableaux.RK6, 0.1, args=args)
 
 
@@ -521,6 +523,15 @@ def test_a_state_that_is_lost_for_one_step_only_stays_lost(form):
 
     with pytest.raises(IntegrationError, match=r"blew up at t = 0\.54, step 18"):
         integrate(wild, (0, 1), [1.0], tableaux.EULER, 0.03, form)
+
+
+def test_a_shifted_state_that_rounds_to_zero_on_its_way_is_lost():
+    """It may come back, so here the last state does not tell."""
+    shift, t, y = np.array([1.0]), np.array([0.0, 0.1, 0.2]), np.array([[1.0, -1.0, 2.0]])
+    start, settings = (0.0, 0.2, y[:, 0]), (shift, (), "step size 0.1")
+    problem = runge_kutta.Problem(hairer, *start, tableaux.RK6, "exponential", *settings)
+    with pytest.raises(IntegrationError, match=r"reached zero, .* at t = 0\.1, step 1"):
+        runge_kutta.raise_if_lost(problem, t, y)
 
 
 def test_the_states_of_a_run_that_ends_well_are_not_all_read(monkeypatch):
