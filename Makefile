@@ -14,7 +14,7 @@ INSTALLED := $(VENV)/.installed
 BUILT := _build/.built
 
 # Left out: copies such as "10_model-Copy1.ipynb", and names that make would take apart.
-STUDIES = $(shell ls -r $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
+STUDIES = $(shell ls $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
 NOTEBOOKS := $(addprefix notebooks/,$(call STUDIES,notebooks))
 # Those that measure times come last: before they do, they would wait for the others.
 CALLED := \bmeasure\(

@@ -37,9 +37,16 @@ window.armDraw = (name, attributes, parent, text = "") => {
   return parent.appendChild(node);
 };
 
+// Change the text of an element, which stays the same node: while nodes come and go, the theme
+// waits with making what scrolls reachable by the keyboard.
+window.armWrite = (element, text) => {
+  if (!element.firstChild) element.append("");
+  element.firstChild.data = text;
+};
+
 // Fill an element with the animation; return a function that shows a run.
 window.armMotion = (root, table) => {
-  const draw = window.armDraw;
+  const draw = window.armDraw, write = window.armWrite;
   const W = 340, LEFT = 8, RIGHT = 332;
   const told = (value, digits) => {
     const text = value.toFixed(digits);
@@ -94,7 +101,7 @@ window.armMotion = (root, table) => {
     const s = position(now), shift = (TRAVEL * s) / Math.max(run.positions.at(-1), 1e-9);
     rack.setAttribute("transform", `translate(${LEFT + shift},0)`);
     pinion.setAttribute("transform", `translate(${GAP},${61 - RADIUS}) rotate(${180 - (shift / RADIUS) * (180 / Math.PI)})`);
-    where.textContent = `${told(s, 3)} m`;
+    write(where, `${told(s, 3)} m`);
   };
 
   // One tooth of the pinion between flanks of the rack; in contact, the flank gives way.
@@ -122,7 +129,7 @@ window.armMotion = (root, table) => {
     flanks[1].setAttribute("d", `M${W},34H${right + 24.6}L${right + 13.3},84H${W}z`);
     flanks.forEach((flank, n) => flank.classList.toggle("pressed", side === 2 * n - 1));
     tooth.setAttribute("transform", `translate(${x(apart)},0)`);
-    touch.textContent = contact();
+    write(touch, contact());
   };
 
   const signals = panel("signals", 118), MIDDLE = 170, LIMIT = 130;
@@ -139,7 +146,7 @@ window.armMotion = (root, table) => {
       bar.setAttribute("x", v < 0 ? MIDDLE - length : MIDDLE);
       bar.setAttribute("width", length);
       bar.setAttribute("class", side ? "bar at-limit" : "bar");
-      value.textContent = `${side ? "at its limit, " : ""}${told(v, digits)} ${unit}`;
+      write(value, `${side ? "at its limit, " : ""}${told(v, digits)} ${unit}`);
     };
   });
 
@@ -163,7 +170,7 @@ window.armMotion = (root, table) => {
   const [slider, button, pace, list, clock] = ["input", "button", "select", "ol", ".clock"].map((name) => root.querySelector(name));
   const show = () => {
     showRail(), showGear(), bars.forEach((bar) => bar());
-    velocity.textContent = `${told(at("velocity", now)[0], 3)} m/s`;
+    write(velocity, `${told(at("velocity", now)[0], 3)} m/s`);
     cursor.setAttribute("x1", sx(now)), cursor.setAttribute("x2", sx(now));
     const past = run.events.filter((event) => event.time <= now).length;
     [...list.children].forEach((item, n) => {
@@ -172,7 +179,7 @@ window.armMotion = (root, table) => {
     });
     const box = list.parentElement; // the list scrolls, never the page
     box.scrollTop = past ? list.children[past - 1].offsetTop - box.clientHeight / 2 : 0;
-    clock.textContent = `${told(1e3 * now, now < 0.01 ? 3 : 1)} ms`;
+    write(clock, `${told(1e3 * now, now < 0.01 ? 3 : 1)} ms`);
     slider.value = now;
     slider.setAttribute("aria-valuetext", `${clock.textContent}: arm at ${where.textContent}, ${velocity.textContent}, gear ${contact()}`);
   };
@@ -204,7 +211,7 @@ window.armMotion = (root, table) => {
   };
   const play = (wanted) => {
     playing = wanted;
-    button.textContent = playing ? "Pause" : "Play";
+    write(button, playing ? "Pause" : "Play");
     if (!playing) return;
     if (now >= table.t_end) now = 0;
     last = performance.now();

@@ -37,7 +37,7 @@ WIDTH = STYLE["figure.figsize"][0]
 PAGE = "#121212"  #: a dark page
 PHONE, LEGIBLE = 328, 10  #: px, width of a figure on a phone and height of a text there
 PLAN = 576  #: px, least width of a figure of the class ``plan``, which scrolls on a phone
-SHRINK = 0.8  #: size of exponents and indices, as a share of the text around them
+SHRINK = 1.0  #: size of exponents and indices, as a share of the text around them
 
 
 def shade(colour: ColorType) -> str:
@@ -68,7 +68,7 @@ def use() -> None:
 def _set() -> None:
     mpl.rcdefaults()  # not what the user prefers in other figures
     mpl.rcParams.update(STYLE)
-    _mathtext.SHRINK_FACTOR = SHRINK  # 0.7 is too small on a phone, and no setting changes it
+    _mathtext.SHRINK_FACTOR = SHRINK  # less is too small on a phone, and no setting changes it
 
 
 @contextmanager
@@ -157,7 +157,8 @@ def ranking(
             ax.annotate(failed, (1, row), (0, 0), **style, **margin)
         else:
             ax.plot(value, row, "o", color=colour, ms=8 if name in colours else 6)
-            ax.annotate(f"{float(f'{value:.2g}'):g}", (value, row), (8, 0), **style)
+            told = np.format_float_positional(value, 2, fractional=False, min_digits=2)
+            ax.annotate(told.rstrip("."), (value, row), (8, 0), **style)
     _name_rows(ax, order, bold=colours)
     ax.set_xlim(right=5 * ax.get_xlim()[1])  # room for the number of the last
     ax.grid(visible=False)

@@ -63,7 +63,9 @@ def site(tmp_path_factory):
     )
     (root / "index.md").write_text(f"# Toy\n\n```{{toctree}}\n{pages}\n```\n")
     (root / "book" / "growth.md").write_text(PAGE)
-    (root / "book" / "long.md").write_text("# Long\n\n" + 3 * WORDS_A_MINUTE * "word ")
+    (root / "book" / "long.md").write_text(
+        "# Long {math}`\\mu` of {math}`x`\n\n" + 3 * WORDS_A_MINUTE * "word "
+    )
     (root / "book" / "verdicts.md").write_text("# Verdicts\n")
     (results / "verdicts.csv").write_text("claim,where,verdict\nfast,2,cannot be tested\n")
     (results / "10_growth-curve.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
@@ -130,6 +132,7 @@ def test_sections_are_kept_for_the_search(site):
     assert (
         '"book/growth": [["growth", "Growth", "The rate is 1.5 %, at first −2.5 · 10⁻⁷.' in script
     )
+    assert '[["long-mu-of-x", "Long … of x", "word ' in script  # formulas are not typeset there
     search = (site / "search.html").read_text(encoding="utf-8")
     assert "sections.js" in search
     assert "sections.js" not in (site / "index.html").read_text(encoding="utf-8")

@@ -17,9 +17,18 @@ def collect_sections(app: Sphinx, doctree: nodes.document, page: str) -> None:
     _SECTIONS[page] = []
     for section in doctree.findall(nodes.section):
         own = [part for part in section.children if not isinstance(part, nodes.section)]
-        prose = " ".join(one.astext() for part in own for one in part.findall(nodes.paragraph))
+        prose = " ".join(_told(one) for part in own for one in part.findall(nodes.paragraph))
         text = " ".join(re.sub(r"<br ?/?>", " ", prose).split())
-        _SECTIONS[page].append((section["ids"][0], own[0].astext(), text))
+        _SECTIONS[page].append((section["ids"][0], _told(own[0]), text))
+
+
+def _told(element: nodes.Node) -> str:
+    """Return the text of an element, with dots for formulas that need typesetting."""
+    copy = element.deepcopy()
+    for formula in [*copy.findall(nodes.math)]:
+        if "\\" in formula.astext():
+            formula.replace_self(nodes.Text("…"))
+    return copy.astext()
 
 
 def write_sections(app: Sphinx, error: Exception | None) -> None:
