@@ -14,12 +14,13 @@ INSTALLED := $(VENV)/.installed
 BUILT := _build/.built
 
 # Left out: copies such as "10_model-Copy1.ipynb", and names that make would take apart.
-STUDIES = $(shell ls $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
+STUDIES = $(shell ls -r $(1) 2> /dev/null | grep -xE '[0-9]{2}_[0-9a-z_]+\.ipynb')
 NOTEBOOKS := $(addprefix notebooks/,$(call STUDIES,notebooks))
-# Those that measure times come last: before they do, they would wait for the others.
+# Those that measure times begin first: they prepare themselves beside the others, and then wait
+# until they have the machine alone.
 CALLED := \bmeasure\(
 TIMED := $(shell grep -lE '$(CALLED)' $(NOTEBOOKS) /dev/null)
-RESULTS := $(patsubst notebooks/%,book/results/%,$(filter-out $(TIMED),$(NOTEBOOKS)) $(TIMED))
+RESULTS := $(patsubst notebooks/%,book/results/%,$(TIMED) $(filter-out $(TIMED),$(NOTEBOOKS)))
 STALE := $(filter-out $(RESULTS),$(addprefix book/results/,$(call STUDIES,book/results)))
 PLAIN := ! -path '*[!-+./0-9A-Z_a-z]*'
 # What a notebook can read. Expected results (data/expected) and claims only judge, they do not enter.
@@ -108,8 +109,10 @@ book/results/%.ipynb: notebooks/%.ipynb $(INPUTS) $(LOCKED) | $(INSTALLED)
 	@$(BIN)/python -m reportkit.execute $< $(@D)
 	$(call NOTE,$*)
 
-# Three at a time keep two processors busy while one of them waits to measure times alone.
-MAKEFLAGS += --jobs=3
+# Two at a time, and those that wait to measure times alone. A make started by another has its jobs.
+ifeq ($(MAKELEVEL),0)
+MAKEFLAGS += --jobs=$(words 1 2 $(TIMED))
+endif
 
 # What the pages show of all results together: the verdicts; the modules, versions and data.
 SUMMARIES := $(addprefix book/results/,verdicts.md appendix-architecture.svg)

@@ -130,7 +130,7 @@ def block_diagram() -> Figure:
     # servo controller
     k_1 = s.block(66, row_a, 30, 26, "$K_1$")
     speed_error = s.total(110, row_a, left="+", bottom="-")
-    lead_lag = s.block(189, row_a, 114, 42, r"$\dfrac{1 + T_z s}{(1 + T_p s)(1 + T_r s)}$")
+    lead_lag = s.block(189, row_a, 120, 42, r"$\dfrac{1 + T_z\,s}{(1 + T_p\,s)(1 + T_r\,s)}$")
     limit_c = s.block(276, row_a, 34, 30, "limit")
     k_2 = s.block(110, 104, 30, 22, "$K_2$")
     k_t = s.block(110, 141, 30, 22, "$K_t$")
@@ -142,12 +142,12 @@ def block_diagram() -> Figure:
 
     # motor, from right to left
     voltage = s.total(438, row_b, right="+", top="-")
-    armature = s.block(386, row_b, 64, 38, r"$\dfrac{1}{L_a s + R_a}$")
+    armature = s.block(386, row_b, 64, 38, r"$\dfrac{1}{L_a\,s + R_a}$")
     k_b = s.block(303, row_b, 30, 26, "$K_b$")
     torque = s.total(262, row_b, right="+", bottom="-")
-    rotor = s.block(186, row_b, 72, 38, r"$\dfrac{1}{J_m s + B_m}$")
+    rotor = s.block(186, row_b, 72, 38, r"$\dfrac{1}{J_m\,s + B_m}$")
     angle = s.block(76, row_b, 24, 38, r"$\dfrac{1}{s}$")
-    emf = s.block(386, 184, 30, 22, "$K_b$")
+    emf = s.block(386, 184, 30, 24, "$K_b$")
     s.arrow(limit_m.right, (470, row_a), (470, row_b), voltage.right)
     s.chain(voltage, armature, k_b, torque, rotor, angle)
     s.chain((334, row_b), inverse_k_i, current_error)
@@ -159,10 +159,10 @@ def block_diagram() -> Figure:
     pinion = s.block(74, row_c, 26, 26, "$r_g$")
     gap = s.total(110, row_c, left="+", bottom="-")
     backlash = s.block(158, row_c, 34, 30, "backlash")
-    teeth = s.block(216, row_c, 58, 26, "$K_g + b_g s$")
+    teeth = s.block(216, row_c, 64, 26, r"$K_g + b_g\,s$")
     reaction = s.block(262, 288, 26, 22, "$r_g$")
     force = s.total(308, row_c, left="+", bottom="-")
-    mass = s.block(357, row_c, 60, 38, r"$\dfrac{1}{M s + B_a}$")
+    mass = s.block(357, row_c, 60, 38, r"$\dfrac{1}{M\,s + B_a}$")
     position = s.block(430, row_c, 24, 38, r"$\dfrac{1}{s}$")
     friction = s.block(357, 386, 34, 30, "friction")
     s.line([angle.left, (44, row_b), (44, row_c)])
@@ -195,9 +195,9 @@ def block_diagram() -> Figure:
         s.add(Circle(branching, 2, fc=INK, lw=0, zorder=3))
     for x, y, name in (
         (19, row_a - 9, "$U$"), (302, row_a - 9, "$v_c$"), (458, row_a - 9, "$v_m$"),
-        (334, row_b + 12, "$y_6$"), (122, row_b + 12, "$y_3$"), (53, row_b + 12, "$y_2$"),
-        (130, row_c - 9, "$x$"), (262, row_c + 12, "$f_g$"), (402, row_c - 10, "$y_1$"),
-        (464, row_c - 10, "$y_0$"), (322, 377, "$F_s$"), (72, row_d - 9, "$U$"),
+        (334, row_b + 12, "$y_6$"), (122, row_b + 12, "$y_3$"), (53, row_b - 13, "$y_2$"),
+        (130, row_c - 9, "$x$"), (262, row_c + 12, "$f_g$"), (402, row_c - 13, "$y_1$"),
+        (464, row_c - 13, "$y_0$"), (322, 377, "$F_s$"), (72, row_d - 9, "$U$"),
         (190, row_a + 31, "$y_4, y_5$"),
     ):  # fmt: skip
         s.text(x, y, name, color=shade(COLOUR["arm"]) if "y_" in name else INK)
