@@ -235,22 +235,28 @@ def kept(**options: Any) -> Callable[[Callable], Callable]:
         dispatcher, folder = njit(**options)(function), _folder()
         if folder is not None:
             dispatcher._cache = _Files(dispatcher, folder)
-        dispatcher.compile = _without_collecting(dispatcher.compile)
+        dispatcher.compile = _quickly(dispatcher.compile)
         return dispatcher
 
     return compiled
 
 
-def _without_collecting(compile_: Callable) -> Callable:
-    """Collect no garbage: the search among the compiler's objects takes a seventh of the time."""
+def _quickly(compile_: Callable) -> Callable:
+    """Spare a quarter of the compiler's time, half of it by not collecting garbage.
+
+    The other half is LLVM's third level of optimisation. It would make the states at given times
+    a twelfth faster, and nothing else.
+    """
 
     @wraps(compile_)
     def compiled(*arguments: Any) -> Any:
-        collecting = gc.isenabled()
+        collecting, optimised = gc.isenabled(), config.OPT
         gc.disable()
+        config.OPT = min(optimised, type(optimised)(2))
         try:
             return compile_(*arguments)
         finally:
+            config.OPT = optimised
             if collecting:
                 gc.enable()
 
