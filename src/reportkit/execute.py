@@ -27,8 +27,7 @@ from traitlets.config import Config
 
 from reportkit.locks import LOCK_VARIABLE, locked, shared
 from reportkit.program import FAILED, run
-from reportkit.project import ProjectError
-from reportkit.record import RESULTS_VARIABLE
+from reportkit.project import RESULTS_VARIABLE, ProjectError
 from reportkit.text import plain
 
 #: Settings of the user that could change a result, or keep a kernel from starting.

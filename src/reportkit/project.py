@@ -9,6 +9,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
 
+#: Environment variable with the folder of the results, set by the build.
+RESULTS_VARIABLE = "REPORT_RESULTS"
+
 
 class ProjectError(ValueError):
     """A part of a report is missing, wrong or fails; the message says which, and why."""

@@ -16,9 +16,7 @@ from matplotlib.figure import Figure
 from myst_nb import glue
 
 from reportkit import figures, text
-
-#: Environment variable with the folder of the results, set by the build.
-RESULTS_VARIABLE = "REPORT_RESULTS"
+from reportkit.project import RESULTS_VARIABLE
 
 Data: TypeAlias = Mapping[str, Any] | pd.DataFrame
 

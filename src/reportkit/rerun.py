@@ -15,8 +15,7 @@ from reportkit.execute import executed
 from reportkit.figures import dark
 from reportkit.locks import locked
 from reportkit.parameters import Notebook
-from reportkit.project import Project, read_toml
-from reportkit.record import RESULTS_VARIABLE
+from reportkit.project import RESULTS_VARIABLE, Project, read_toml
 
 #: The kernel itself states what it is.
 CLOSING = f"""

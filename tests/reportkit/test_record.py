@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from reportkit import figures
 from reportkit import record as module
-from reportkit.record import RESULTS_VARIABLE, Study, cell, scientific
+from reportkit.project import RESULTS_VARIABLE
+from reportkit.record import Study, cell, scientific
 
 
 @pytest.fixture
