@@ -38,6 +38,8 @@ SHELL := /bin/bash
 unexport $(filter-out PYTHON NUMBA_CACHE_DIR,$(filter PYTHON% NUMBA_% MPL% MATPLOTLIBRC BASH_ENV,$(.VARIABLES)))
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLCONFIGDIR := $(CURDIR)/$(VENV)/.matplotlib
+# The matrices are small: more threads would only wait, and keep other processes from working.
+export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: help install tools book pdf check style test fuzz coverage clean distclean forget moved
 .DELETE_ON_ERROR:

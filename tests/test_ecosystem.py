@@ -180,7 +180,7 @@ def with_numbers(number, half):
     yield adaptive.y, adaptive(quarter), adaptive([quarter, eighth])
     yield solve_ivp(decay, (0, 0.5), [1.0], method=solver).y
     yield bouncing_ball.solve(number(1), half, number(10), (0.5, 0.125))(quarter)
-    yield amplifier.output_power, amplifier.run(tableaux.RK6, "exponential", 4)
+    yield amplifier.output_power, amplifier.gain
     yield Instrument(position=half, velocity=half, acceleration=half).deviations
     yield linear.nearly_linear(p, number(1000)).K_g, linear.oscillation(p, highest=number(200))
     yield response.arrival_time([number(0), half], [number(0), half], quarter)

@@ -11,9 +11,6 @@ would make it a boundary-value problem, which shooting reduces to a sequence of 
 problems like this one. Noise and Rayleigh scattering are neglected.
 """
 
-import math
-from bisect import bisect_left
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -23,11 +20,8 @@ from scipy.constants import c
 from scipy.integrate import solve_ivp
 from scipy.special import wofz
 
-from armsim.checks import IntegrationError, checked_count, checked_number
+from armsim.checks import checked_count, checked_number
 from armsim.machine_code import kept
-from armsim.methods import integrate, tableaux
-from armsim.methods.runge_kutta import Form
-from armsim.methods.tableaux import Tableau
 
 #: Vibrational modes of silica, one per column: position, relative strength, and full widths at half
 #: maximum of the Gaussian and the Lorentzian part; all but the strength in 1/cm. Hollenbeck and
@@ -138,8 +132,8 @@ class RamanAmplifier:
         source, wave = self.frequency[:, None], self.frequency[None, :]
         higher = np.maximum(source, wave) / (c / 1450e-9)
         photons = np.where(source < wave, wave / source, 1.0)
-        scale = self.peak_gain / self.effective_area
-        return scale * higher * photons * raman_spectrum(source - wave)
+        gain = self.peak_gain / self.effective_area * raman_spectrum(source - wave)
+        return gain * higher * photons
 
     @property
     def args(self) -> tuple[np.ndarray, np.ndarray]:
@@ -151,12 +145,10 @@ class RamanAmplifier:
         pumps = tuple(factor * power for power in self.pump_powers)
         return replace(self, pump_powers=pumps, channel_power=factor * self.channel_power)
 
-    # --- the solution and its properties
-
     @cached_property
     def _logarithms(self) -> Any:
-        how = {"rtol": 1e-13, "atol": 1e-14, "dense_output": True}
-        return self._solved(log_rhs, np.log(self.input_power), "DOP853", **how).sol
+        how: dict = {"args": self.args, "rtol": 1e-13, "atol": 1e-14, "dense_output": True}
+        return solve_ivp(log_rhs, (0, self.length), np.log(self.input_power), "DOP853", **how).sol
 
     def solution(self, z: np.ndarray | float) -> np.ndarray:
         """Powers in W at the position z in m, to 12 digits: DOP853 for ln P."""
@@ -173,90 +165,14 @@ class RamanAmplifier:
         lossy = self.input_power * np.exp(-self.loss * self.length)
         return 10 * np.log10(self.output_power / lossy)[len(self.pump_powers) :]
 
-    def fastest_rates(self) -> tuple[float, float]:
+    def fastest_rates(self) -> tuple[float, ...]:
         """Largest eigenvalues, 1/m, of the Jacobians in P and in ln P at the end of the fibre.
 
         The Jacobians are diag(F) + diag(P) ∂F/∂P and, up to similarity, the second term alone.
         """
-        power = self.output_power
-        coupling = power[:, None] * self.gain.T
-        of_power = np.linalg.eigvals(np.diag(growth_rate(power, *self.args)) + coupling)
-        return float(np.abs(of_power).max()), float(np.abs(np.linalg.eigvals(coupling)).max())
-
-    @np.errstate(over="ignore")
-    def error(self, power: np.ndarray) -> float:
-        """Largest relative error of powers computed for the end of the fibre, inf if too large."""
-        return float(np.abs(power / self.output_power - 1).max())
-
-    # --- solvers
-
-    def run(self, method: Tableau, form: Form, steps: int) -> np.ndarray:
-        """Powers (waves, steps + 1) in W after each step; NaN if the method breaks down."""
-        span, step_size = (0.0, self.length), self.length / steps
-        try:
-            return integrate(rhs, span, self.input_power, method, step_size, form, self.args).y
-        except IntegrationError:
-            return np.full((self.input_power.size, steps + 1), np.nan)
-
-    def averaged(self, sections: int) -> np.ndarray:
-        """Output powers by `average_power` with two evaluations in each section."""
-        return average_power(self.input_power, *self.args, self.length, sections, 2)
-
-    def controlled(self, form: Form, rtol: float) -> tuple[int, np.ndarray]:
-        """Evaluations and output powers of DP5(4) with adaptive steps."""
-        span, start = (0.0, self.length), self.input_power
-        run = integrate(rhs, span, start, tableaux.DP5, None, form, self.args, rtol=rtol, atol=0)
-        return run.nfev, run.y[:, -1]
-
-    def by_scipy(self, method: str, rtol: float) -> tuple[int, np.ndarray]:
-        """Evaluations and output powers of `scipy.integrate.solve_ivp`."""
-        run = self._solved(rhs, self.input_power, method, rtol=rtol, atol=0)
-        return run.nfev, run.y[:, -1]
-
-    def by_scipy_for_logarithms(self, method: str, rtol: float) -> tuple[int, np.ndarray]:
-        """Same as `by_scipy` for ln P, where `rtol` is the absolute tolerance."""
-        run = self._solved(log_rhs, np.log(self.input_power), method, rtol=1e-13, atol=rtol)
-        return run.nfev, np.exp(run.y[:, -1])
-
-    def _solved(self, function: Callable, start: np.ndarray, method: str, **options: Any) -> Any:
-        return solve_ivp(function, (0.0, self.length), start, method, args=self.args, **options)
-
-    def steps_for(self, target: float, method: Tableau, form: Form) -> float:
-        """Fewest steps for which the relative error is at most `target`; see `fewest`."""
-        return fewest(lambda n: self.error(self.run(method, form, n)[:, -1]) <= target, 2**12)
-
-    def sections_for(self, target: float) -> float:
-        """Fewest sections for which the relative error of `averaged` is at most `target`."""
-        return fewest(lambda n: self.error(self.averaged(n)) <= target, 2**18)
-
-    def positive_steps(self, method: Tableau, form: Form) -> float:
-        """Fewest steps for which all powers stay positive; see `fewest`."""
-        return fewest(lambda n: bool((self.run(method, form, n) > 0).all()), 2**12)
-
-
-def fewest(succeeds: Callable[[int], bool], most: int) -> float:
-    """Smallest number from which on every number succeeds.
-
-    Parameters
-    ----------
-    succeeds : callable
-        ``succeeds(n)`` for a positive integer n.
-    most : int
-        Largest number that is tried, at least 64.
-
-    Returns
-    -------
-    float
-        NaN if none succeeds. If success is not monotonic below 64, the result is one more than the
-        largest failure; beyond 64 it is taken to be monotonic.
-    """
-    n = 64
-    if succeeds(n):
-        return float(next((m + 1 for m in range(n - 1, 0, -1) if not succeeds(m)), 1))
-    while not succeeds(n := 2 * n):
-        if 2 * n > most:
-            return math.nan
-    return float(bisect_left(range(n), True, n // 2 + 1, key=succeeds))
+        coupling = self.output_power[:, None] * self.gain.T
+        of_power = coupling + np.diag(growth_rate(self.output_power, *self.args))
+        return tuple(float(np.abs(np.linalg.eigvals(J)).max()) for J in (of_power, coupling))
 
 
 @kept()

@@ -69,7 +69,7 @@ def main(page: Path, pdf: Path) -> None:
             footer_template=FOOTER,
         )  # fmt: skip
         chromium.close()
-    writer = PdfWriter(clone_from=part)
+    writer = PdfWriter(part, incremental=True)  # what is appended is soon written
     entitle(writer, headings)
     writer.write(part)
     part.replace(pdf)

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 
 from armsim.arm import AxisParameters, LinearAxis, simulate
-from armsim.arm.dynamics import Region, affine, constants, rhs
+from armsim.arm.dynamics import Region, affine
 from armsim.arm.response import (
     SETTLED,
     arrival_time,
@@ -22,10 +22,7 @@ from armsim.arm.response import (
     settling_time,
     step_quality,
     time_within,
-    voltage_error,
 )
-from armsim.methods import tableaux
-from armsim.methods.scipy_solver import fixed_step_solver
 
 
 @pytest.fixture(scope="module")
@@ -239,26 +236,3 @@ def test_the_jump_of_a_settling_time_is_no_root():
 
 
 # --- a method that carries a run on --------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("method", "step", "begin"), [(tableaux.EULER, 4e-5, 0.95), (tableaux.RK4_GILL, 1e-4, 0.79)]
-)
-def test_voltage_error_by_scipy(published, method, step, begin):
-    p = published.parameters
-    found = voltage_error(published, method, step, begin)
-    solver = fixed_step_solver(method, step_size=step)
-    steps = solve_ivp(rhs, (begin, 1.0), published(begin), solver, args=(10.0, constants(p)))
-    voltages = []
-    last = steps.t > 0.9
-    for y in (steps.y[:, last], published(steps.t[last])):
-        v_c = np.clip(y[4] + p.T_z * y[5], -p.V_L, p.V_L)
-        voltages.append(np.clip(p.K_e * (v_c - y[6] / p.K_i), -p.V_M, p.V_M))
-    # 1e-8 V: rounding of the current, times K_e / K_i and what the loop makes of it
-    wanted = np.abs(voltages[0] - voltages[1]).max()
-    assert found == pytest.approx(wanted, rel=1e-6, abs=1e-8)
-    assert 1e-4 < found < 1
-
-
-def test_a_method_that_blows_up_has_no_end(published):
-    assert voltage_error(published, tableaux.EULER, 2e-3, begin=0.1) == math.inf

@@ -1,10 +1,12 @@
 """The comparison of solvers: what is run, what it costs, and how failures are told."""
 
+import math
 from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import solve_ivp
 
 from armbook.comparison import (
     EXPONENTIAL,
@@ -19,12 +21,15 @@ from armbook.comparison import (
     spread,
     step_size_for,
     steps_for,
+    voltage_error,
 )
 from armbook.peers import peers
 from armbook.problems import linear_problem
 from armbook.styles import METHODS
-from armsim.arm import AxisParameters, LinearAxis
+from armsim.arm import AxisParameters, LinearAxis, simulate
+from armsim.arm.dynamics import constants, rhs
 from armsim.methods import integrate, tableaux
+from armsim.methods.scipy_solver import fixed_step_solver
 from armsim.paper import PRINTED
 from reportkit.timing import Timing
 
@@ -175,3 +180,31 @@ def test_failures_that_are_alike_are_one_row():
         ["A; B", "all", "1.e-05 to 1.e-04", "blows up"],
         ["C", "move", "1.e-03", "the step size is zero"],
     ]
+
+
+@pytest.fixture(scope="module")
+def published():
+    return simulate(AxisParameters.paper_x_axis(), 10.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "step", "begin"), [(tableaux.EULER, 4e-5, 0.95), (tableaux.RK4_GILL, 1e-4, 0.79)]
+)
+def test_voltage_error_by_scipy(published, method, step, begin):
+    p = published.parameters
+    found = voltage_error(published, method, step, begin)
+    solver = fixed_step_solver(method, step_size=step)
+    steps = solve_ivp(rhs, (begin, 1.0), published(begin), solver, args=(10.0, constants(p)))
+    voltages = []
+    last = steps.t > 0.9
+    for y in (steps.y[:, last], published(steps.t[last])):
+        v_c = np.clip(y[4] + p.T_z * y[5], -p.V_L, p.V_L)
+        voltages.append(np.clip(p.K_e * (v_c - y[6] / p.K_i), -p.V_M, p.V_M))
+    # 1e-8 V: rounding of the current, times K_e / K_i and what the loop makes of it
+    wanted = np.abs(voltages[0] - voltages[1]).max()
+    assert found == pytest.approx(wanted, rel=1e-6, abs=1e-8)
+    assert 1e-4 < found < 1
+
+
+def test_a_method_that_blows_up_has_no_end(published):
+    assert voltage_error(published, tableaux.EULER, 2e-3, begin=0.1) == math.inf

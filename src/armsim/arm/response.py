@@ -6,17 +6,15 @@ ring. A missing value must not be mistaken for zero.
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import inf, nan
-from typing import Any, NamedTuple
+from math import nan
+from typing import NamedTuple
 
 import numpy as np
 
-from armsim.arm.dynamics import Region, auxiliary_variables, constants, rhs
+from armsim.arm.dynamics import Region
 from armsim.arm.parameters import AxisParameters
 from armsim.arm.simulate import Trajectory, simulate
 from armsim.checks import reals
-from armsim.methods import IntegrationError, integrate
-from armsim.methods.tableaux import Tableau
 
 #: Region of the rise: preamplifier at its upper limit, teeth engaged.
 HELD = Region(preamplifier=1, power=0, contact=1, friction=0)
@@ -350,36 +348,3 @@ def step_quality(p: AxisParameters, volts: float = 10.0, t_end: float = 6.0) -> 
     band = SETTLED * abs(final)
     settling = settling_time(t, velocity, final, band)
     return StepQuality(settling, overshoot(velocity, final, band), *loop_ringing(run))
-
-
-def voltage_error(
-    run: Trajectory, method: Tableau, step_size: float, begin: float, **options: Any
-) -> float:
-    """Error of the motor voltage when a method continues an exact run.
-
-    Parameters
-    ----------
-    run : Trajectory
-        Exact run with a constant set velocity.
-    method, step_size
-        The Runge-Kutta method and its step in s.
-    begin : float
-        Time in s at which the method starts from the exact state.
-    **options
-        Further arguments of `integrate`: a form and its shift.
-
-    Returns
-    -------
-    float
-        Largest error in V in the last tenth of a second; inf if the method blows up.
-    """
-    p, args = run.parameters, (float(run.set_velocity(begin)), constants(run.parameters))
-    problem = rhs, (begin, run.t[-1]), run(begin)
-    try:
-        steps = integrate(*problem, method, step_size, args=args, **options)
-    except IntegrationError:
-        return inf
-    last = steps.t > run.t[-1] - 0.1
-    states = steps.y[:, last], run(steps.t[last])
-    got, exact = (auxiliary_variables(p, y)["v_m"] for y in states)
-    return float(np.abs(got - exact).max())
