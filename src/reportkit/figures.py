@@ -157,7 +157,8 @@ def ranking(
             ax.annotate(failed, (1, row), (0, 0), **style, **margin)
         else:
             ax.plot(value, row, "o", color=colour, ms=8 if name in colours else 6)
-            told = np.format_float_positional(value, 2, fractional=False, min_digits=2)
+            rounded = float(f"{value:.2g}")
+            told = np.format_float_positional(rounded, fractional=False, min_digits=2)
             ax.annotate(told.rstrip("."), (value, row), (8, 0), **style)
     _name_rows(ax, order, bold=colours)
     ax.set_xlim(right=5 * ax.get_xlim()[1])  # room for the number of the last

@@ -147,7 +147,7 @@ def test_axes_of_a_stack_may_differ_in_height():
 def test_a_ranking_is_sorted_and_ends_with_what_failed():
     figures.use()
     fig, ax = plt.subplots()
-    values = {"slow": 1234.0, "fails": np.nan, "fast": 0.5, "middle": 10.0}
+    values = {"slow": 1234.0, "fails": np.nan, "fast": 0.4996, "middle": 10.0}
     figures.ranking(ax, values, {"fast": figures.PALETTE[0]})
     assert [label.get_text() for label in ax.get_yticklabels()] == [
         "fast",
@@ -157,7 +157,7 @@ def test_a_ranking_is_sorted_and_ends_with_what_failed():
     ]
     assert [label.get_weight() for label in ax.get_yticklabels()][:2] == ["bold", "normal"]
     assert [text.get_text() for text in ax.texts] == ["0.50", "10", "1200", "not reached"]
-    assert [line.get_xdata()[0] for line in ax.lines] == [0.5, 10, 1234]
+    assert [line.get_xdata()[0] for line in ax.lines] == [0.4996, 10, 1234]
     fig.canvas.draw()
     assert ax.texts[2].get_window_extent().x1 <= fig.bbox.x1
 
