@@ -1,5 +1,6 @@
 """Machine code kept on disk: when it is taken again, and when it must not be."""
 
+import gc
 import importlib
 import os
 import pkgutil
@@ -7,11 +8,13 @@ import shutil
 import subprocess
 import sys
 import threading
+from contextlib import nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
 import numba
 import pytest
+from numba.core.registry import CPUDispatcher
 from numba.extending import is_jitted
 
 import armbook
@@ -437,3 +440,21 @@ def test_a_damaged_file_is_compiled_again(tmp_path, monkeypatch, damage):
     again = kept()(half)
     assert again(3.0) == 1.5 and not again.stats.cache_hits
     assert file.read_bytes() != damage
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_compilation_leaves_the_settings_of_others_as_they_were(folder, monkeypatch, fails):
+    config, seen = machine_code.config, []
+    compile_ = CPUDispatcher.compile
+
+    def watched(dispatcher, signature):
+        seen.append((gc.isenabled(), int(config.OPT)))
+        return compile_(dispatcher, signature)
+
+    monkeypatch.setattr(CPUDispatcher, "compile", watched)
+    before = gc.isenabled(), config.OPT
+    function = kept()((lambda x: x + None) if fails else (lambda x: x + 1))
+    with pytest.raises(numba.TypingError) if fails else nullcontext():
+        assert function(2) == 3
+    assert seen == [(False, 2)]
+    assert (gc.isenabled(), config.OPT) == before
