@@ -61,7 +61,7 @@ def number(value: Any, unit: str | None = None, digits: int = 12) -> str:
 
 
 def powers(told: str) -> str:
-    """Return a text with its exponential notation as powers: 10⁻⁷ for ``1e-07``."""
+    """Return a text with its exponential notation as powers on one line: 10⁻⁷ for ``1e-07``."""
     return _EXPONENTIAL.sub(_power, told)
 
 
@@ -73,7 +73,7 @@ def grouped(told: str) -> str:
 def _power(found: re.Match[str]) -> str:
     raised = str(int(found[2].replace("−", "-"))).translate(_RAISED)
     factor = found[1].removesuffix(".")
-    return f"10{raised}" if factor == "1" else f"{factor} · 10{raised}"
+    return f"10{raised}" if factor == "1" else f"{factor}\u00a0·\u00a010{raised}"
 
 
 def columns(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
