@@ -29,7 +29,7 @@ INPUTS := $(shell find src data $(wildcard examples) \( -name __pycache__ -o -na
 PAGES := $(shell find book *.md -name results -prune -o -type f ! -name '.*' $(PLAIN) -print) \
          _config.yml _toc.yml
 
-# The tests, on all processors.
+# The tests, on all processors, in as many processes as tests/conftest.py says.
 PYTEST := $(BIN)/python -m pytest -n auto --dist=worksteal
 JUPYTER_BOOK := $(BIN)/python -c 'from jupyter_book.cli.main import main; main()'
 

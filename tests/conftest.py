@@ -26,6 +26,11 @@ settings.register_profile(
 settings.load_profile("ci")
 
 
+def pytest_xdist_auto_num_workers():
+    """One process more than there are processors, since tests wait for browsers and programs."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_collection_modifyitems(items):
     """Begin with the longest test, and give every property the seed of `make fuzz`.
 
