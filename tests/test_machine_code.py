@@ -458,3 +458,26 @@ def test_a_compilation_leaves_the_settings_of_others_as_they_were(folder, monkey
         assert function(2) == 3
     assert seen == [(False, 2)]
     assert (gc.isenabled(), config.OPT) == before
+
+
+def test_threads_that_compile_at_a_time_leave_the_settings_as_they_were(folder, monkeypatch):
+    """The second thread comes while the first compiles, and ends after it."""
+    config, before, compile_ = machine_code.config, machine_code.config.OPT, CPUDispatcher.compile
+    entered, ended = threading.Event(), threading.Event()
+
+    def watched(dispatcher, signature):
+        if dispatcher is one:
+            second.start()
+            entered.wait(0.5)  # with the lock it does not come
+        else:
+            entered.set()
+            ended.wait(60)
+        return compile_(dispatcher, signature)
+
+    monkeypatch.setattr(CPUDispatcher, "compile", watched)
+    one, two = kept()(lambda x: x + 1), kept()(lambda x: x + 2)
+    second = threading.Thread(target=two, args=(1,))
+    assert one(1) == 2
+    ended.set()
+    second.join()
+    assert before == config.OPT

@@ -69,7 +69,7 @@ def main(page: Path, pdf: Path) -> None:
             footer_template=FOOTER,
         )  # fmt: skip
         chromium.close()
-    writer = PdfWriter(part, incremental=True)  # what is appended is soon written
+    writer = PdfWriter(part, incremental=True)  # only what changes is written again
     entitle(writer, headings)
     writer.write(part)
     part.replace(pdf)

@@ -226,8 +226,7 @@ def crossings(
     def excess(x: float) -> float:
         return function(x) - target
 
-    roots: list[float] = []
-    jumps: list[float] = []
+    roots, jumps = list[float](), list[float]()
     for left, right in pairwise(map(float, grid)):
         ends = excess(left), excess(right)
         if not np.isfinite(ends).all() or (ends[0] > 0) == (ends[1] > 0):
@@ -343,8 +342,7 @@ def step_quality(p: AxisParameters, volts: float = 10.0, t_end: float = 6.0) -> 
     run, final = simulate(p, volts, min(t_end, 1.0)), 0.1 * volts
     if len(run.events) <= BUZZING:
         run = simulate(p, volts, t_end)
-    t = np.linspace(0, run.t_end, 4001)
+    t, band = np.linspace(0, run.t_end, 4001), SETTLED * abs(final)
     velocity = run(t)[1]
-    band = SETTLED * abs(final)
     settling = settling_time(t, velocity, final, band)
     return StepQuality(settling, overshoot(velocity, final, band), *loop_ringing(run))
