@@ -84,6 +84,9 @@ def test_gain_and_loss_are_those_of_a_standard_fibre():
     assert 1e4 * loss[near_1550] / np.log(10) == pytest.approx(0.19, abs=0.005)
     pair = RamanAmplifier((1450e-9,), (0.1,), 1, (c / (c / 1450e-9 - 13.2e12),) * 2)
     assert 1e3 * pair.gain[0, 1] == pytest.approx(0.4, rel=1e-3)
+    # the same shift from a pump of 1425 nm: proportional to its frequency
+    short = RamanAmplifier((1425e-9,), (0.1,), 1, (c / (c / 1425e-9 - 13.2e12),) * 2)
+    assert short.gain[0, 1] / pair.gain[0, 1] == pytest.approx(1450 / 1425, rel=1e-9)
 
 
 def test_an_interaction_takes_as_many_photons_as_it_gives():
@@ -155,12 +158,14 @@ def test_the_gain_is_that_over_a_fibre_without_pumps():
     assert weak.on_off_gain == pytest.approx(10 * np.log10(ratio), abs=1e-9)
 
 
-def test_the_fastest_rates_are_those_of_numerical_jacobians():
-    power = AMPLIFIER.output_power
-    of_power = approx_fprime(power, lambda p: rhs(0.0, p, *AMPLIFIER.args), 1e-6 * power)
-    of_logarithm = approx_fprime(np.log(power), lambda q: log_rhs(0.0, q, *AMPLIFIER.args), 1e-6)
+@pytest.mark.parametrize("length", [5e3, 50e3])  # where gain prevails, and where loss does
+def test_the_fastest_rates_are_those_of_numerical_jacobians(length):
+    amplifier = replace(AMPLIFIER, length=length)
+    power, args = amplifier.output_power, amplifier.args
+    of_power = approx_fprime(power, lambda p: rhs(0.0, p, *args), 1e-6 * power)
+    of_logarithm = approx_fprime(np.log(power), lambda q: log_rhs(0.0, q, *args), 1e-6)
     wanted = [np.abs(np.linalg.eigvals(J)).max() for J in (of_power, of_logarithm)]
-    assert AMPLIFIER.fastest_rates() == pytest.approx(wanted, rel=1e-4)
+    assert amplifier.fastest_rates() == pytest.approx(wanted, rel=1e-4)
 
 
 def test_powers_stay_positive_in_steps_that_the_additive_form_cannot_take():
