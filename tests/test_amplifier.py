@@ -158,14 +158,12 @@ def test_the_gain_is_that_over_a_fibre_without_pumps():
     assert weak.on_off_gain == pytest.approx(10 * np.log10(ratio), abs=1e-9)
 
 
-@pytest.mark.parametrize("length", [5e3, 50e3])  # where gain prevails, and where loss does
-def test_the_fastest_rates_are_those_of_numerical_jacobians(length):
-    amplifier = replace(AMPLIFIER, length=length)
-    power, args = amplifier.output_power, amplifier.args
-    of_power = approx_fprime(power, lambda p: rhs(0.0, p, *args), 1e-6 * power)
-    of_logarithm = approx_fprime(np.log(power), lambda q: log_rhs(0.0, q, *args), 1e-6)
+def test_the_fastest_rates_are_those_of_numerical_jacobians():
+    power = AMPLIFIER.output_power
+    of_power = approx_fprime(power, lambda p: rhs(0.0, p, *AMPLIFIER.args), 1e-6 * power)
+    of_logarithm = approx_fprime(np.log(power), lambda q: log_rhs(0.0, q, *AMPLIFIER.args), 1e-6)
     wanted = [np.abs(np.linalg.eigvals(J)).max() for J in (of_power, of_logarithm)]
-    assert amplifier.fastest_rates() == pytest.approx(wanted, rel=1e-4)
+    assert AMPLIFIER.fastest_rates() == pytest.approx(wanted, rel=1e-4)
 
 
 def test_powers_stay_positive_in_steps_that_the_additive_form_cannot_take():
