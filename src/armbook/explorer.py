@@ -67,13 +67,15 @@ def corners(t: np.ndarray, y: np.ndarray, tolerance: float) -> np.ndarray:
     stack = [(0, t.size - 1)]
     while stack:
         a, b = stack.pop()
-        line = y[a] + (y[b] - y[a]) / (t[b] - t[a]) * (t[a : b + 1] - t[a])
-        off = np.abs(y[a : b + 1] - line)
-        n = a + int(np.argmax(off))
-        if off[n - a] > tolerance:
-            keep[n] = True
-            stack.append((a, n))
-            stack.append((n, b))
+        slope, farthest, most = (y[b] - y[a]) / (t[b] - t[a]), a, tolerance
+        for n in range(a + 1, b):
+            off = abs(y[n] - (y[a] + slope * (t[n] - t[a])))
+            if off > most:
+                farthest, most = n, off
+        if farthest > a:
+            keep[farthest] = True
+            stack.append((a, farthest))
+            stack.append((farthest, b))
     return np.flatnonzero(keep)
 
 

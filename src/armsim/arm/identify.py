@@ -169,9 +169,8 @@ class Fit:
     @property
     def saturation_current(self) -> tuple[float, float]:
         """Saturation current K_i V_L in A and its standard error (0 if V_L was fixed)."""
-        errors = dict(zip(self.names, self.standard_errors, strict=True))
-        K_i = self.parameters.K_i
-        return K_i * self.parameters.V_L, float(K_i * errors.get("V_L", 0.0))
+        p, errors = self.parameters, dict(zip(self.names, self.standard_errors, strict=True))
+        return p.K_i * p.V_L, float(p.K_i * errors.get("V_L", 0.0))
 
     @property
     def chi_squared(self) -> float:

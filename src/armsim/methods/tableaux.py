@@ -75,10 +75,10 @@ class Tableau:
                     found = f"{where} has {len(row)} entries"
                     raise ValueError(f"{name}: {found}; a tableau of {s} stages needs {s}")
             object.__setattr__(self, label, sympy.ImmutableDenseNDimArray(exact))
-        for i, j in combinations_with_replacement(range(s), 2):
-            if self.A[i, j] != 0:
-                entry = f"A[{i}][{j}] = {self.A[i, j]}"
-                raise ValueError(f"{name}: {entry} makes the method implicit; it must be 0")
+            for i, j in combinations_with_replacement(range(s), 2):
+                if label == "A" and exact[i][j] != 0:
+                    entry = f"A[{i}][{j}] = {exact[i][j]}"
+                    raise ValueError(f"{name}: {entry} makes the method implicit; it must be 0")
 
     @cached_property
     def c(self) -> sympy.Array:

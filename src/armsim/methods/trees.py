@@ -19,6 +19,7 @@ from typing import Any
 
 import sympy
 from sympy.polys.constructor import construct_domain
+from sympy.tensor.array.arrayop import Flatten
 
 from armsim.checks import checked_count
 from armsim.methods.tableaux import Tableau
@@ -120,8 +121,7 @@ class Condition:
 def _conditions(tableau: Tableau, orders: Iterable[int]) -> Iterator[Condition]:
     """Evaluate the conditions of some orders exactly, over the smallest field for the tableau."""
     known: dict[Tree, list[Any]] = {}
-    coefficients = [*sympy.flatten(tableau.A), *tableau.b]
-    field, numbers = construct_domain(coefficients, field=True, extension=True)
+    field, numbers = construct_domain([*Flatten(tableau.A), *tableau.b], field=True, extension=True)
     s = tableau.stages
     A, b = [numbers[i * s : (i + 1) * s] for i in range(s)], numbers[s * s :]
     for tree in chain.from_iterable(map(rooted_trees, orders)):
