@@ -125,6 +125,7 @@ class Study:
             The plotted data, saved beside the figure as CSV. Shorter columns end in blanks.
         alt : str, optional
             Description for readers who cannot see the figure, on the page of the notebook itself.
+            An entry ``{"mystnb": {"image": {"alt": …}}}`` in the metadata of the cell prevails.
         """
         path = self._new(key, "svg")
         figures.save(fig, path)

@@ -98,7 +98,7 @@ def test_page_reads_well(path, visit):
     formulas_are_drawn(page)
     page.evaluate(AXE)
     alone = path.name == "404.html"  # without a sidebar, and it follows the system's colours
-    # Thousands of elements that are alike: highlighted code, which has the same colours on all pages,
+    # Thousands of elements are alike: highlighted code, whose colours are the same on all pages,
     # and in each section of the API the entries after the first.
     alike = ".highlight" if path.parent.name == "results" else "dl.py ~ dl.py"
     context = {"exclude": [[alike]]}
