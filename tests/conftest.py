@@ -25,6 +25,9 @@ settings.register_profile(
 )
 settings.load_profile("ci")
 
+#: Files with tests of half a minute. At the end, other processes would wait for them.
+LONG = {"test_pdf.py", "test_readme.py", "test_rerun.py", "test_second_opinion.py"}
+
 
 def pytest_xdist_auto_num_workers():
     """One process more than there are processors, since tests wait for browsers and programs."""
@@ -32,11 +35,11 @@ def pytest_xdist_auto_num_workers():
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the longest test, and give every property the seed of `make fuzz`.
+    """Begin with the longest tests, and give every property the seed of `make fuzz`.
 
     Hypothesis keeps no failures of a test with a seed, by its decorator or by pytest's option.
     """
-    items.sort(key=lambda item: item.path.name != "test_pdf.py")
+    items.sort(key=lambda item: item.path.name not in LONG)
     number = os.environ.get("FUZZ_SEED")
     for item in items if number else ():
         if is_hypothesis_test(getattr(item, "function", None)):
