@@ -1,5 +1,6 @@
 """What holds for all tests."""
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -27,6 +28,16 @@ settings.load_profile("ci")
 
 #: Files with tests of half a minute. At the end, other processes would wait for them.
 LONG = {"test_pdf.py", "test_readme.py", "test_rerun.py", "test_second_opinion.py"}
+
+
+# Until the tests begin nothing is garbage, and later nothing of what there was then.
+gc.disable()
+
+
+def pytest_collection_finish():
+    """Leave what has been imported and collected out of every search for garbage."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_xdist_auto_num_workers():
