@@ -1,18 +1,17 @@
-"""The modules of the three packages and the symbols of an axis, drawn and listed for the pages."""
+"""The parts and modules of the packages, drawn and listed for the pages; the symbols of an axis."""
 
 import dataclasses
 import sys
 from collections.abc import Iterable, Mapping
 from graphlib import TopologicalSorter
 from importlib import import_module
-from itertools import accumulate
 from pathlib import Path
-from statistics import fmean
+from textwrap import fill
 from typing import Any
 
 import grimp
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch
+from matplotlib.patches import Rectangle
 
 from armbook.styles import COLOUR
 from armsim.arm import AxisParameters
@@ -23,12 +22,12 @@ from reportkit.project import Project
 Graph = Mapping[str, set[str]]  #: modules, each with those that it imports
 
 PACKAGES = ("armbook", "reportkit", "armsim")
-#: From the top: the parts of a floor, each with the number of columns that its drawing takes.
+#: From the top: the parts of a floor, each with its share of the width of the drawing.
 FLOORS = (
-    {"armbook": 2, "reportkit": 3},
-    {"armsim.arm": 5},
-    {"armsim.exact": 2, "armsim.methods": 3},
-    {"armsim": 5},
+    {"armbook": 0.42, "reportkit": 0.58},
+    {"armsim.arm": 1.0},
+    {"armsim.exact": 0.42, "armsim.methods": 0.58},
+    {"armsim": 1.0},
 )
 _TONES = dict(zip(("armbook", "reportkit", "armsim.arm", "armsim.exact", "armsim.methods"),
                   COLOUR.values(), strict=True)) | {"armsim": figures.FAINT}  # fmt: skip
@@ -51,85 +50,57 @@ def part(module: str) -> str:
     return own if any(own in floor for floor in FLOORS) else _BESIDE.get(module, top)
 
 
-def reduced(graph: Graph) -> dict[str, set[str]]:
-    """Leave out the packages, and each import that follows from others.
-
-    A package only gathers names, so what it imports counts as imported by those that import it.
-    """
-    packages = {name.rpartition(".")[0] for name in graph}
-    direct = {
-        module: (others - packages).union(*(graph[name] for name in others & packages))
-        for module, others in graph.items()
-        if module not in packages
-    }
+def arrows(graph: Graph) -> set[tuple[str, str]]:
+    """Return pairs of parts, of which one imports the other; not what follows from other pairs."""
+    direct: dict[str, set[str]] = {name: set() for floor in FLOORS for name in floor}
+    for module, others in graph.items():
+        direct[part(module)] |= {part(other) for other in others} - {part(module)}
     below: dict[str, set[str]] = {}
-    for module in TopologicalSorter(direct).static_order():
-        below[module] = direct[module].union(*(below[other] for other in direct[module]))
-    return {name: rest.difference(*(below[far] for far in rest)) for name, rest in direct.items()}
+    for name in TopologicalSorter(direct).static_order():
+        below[name] = direct[name].union(*(below[other] for other in direct[name]))
+    return {(a, b) for a in direct for b in direct[a].difference(*(below[c] for c in direct[a]))}
+
+
+def members(graph: Graph, name: str) -> list[str]:
+    """Return the modules and packages of a part, by their names in it."""
+    own = (module for module in graph if part(module) == name != module)
+    inside = (one.removeprefix(f"{name}.").removeprefix("armsim.") for one in own)
+    return sorted({one.partition(".")[0] for one in inside})
 
 
 @figures.styled()
 def architecture(graph: Graph) -> Figure:
-    """Draw the modules on their floors, with their imports.
+    """Draw the parts on their floors, with their modules, and arrows to what they import.
 
-    Imports that follow from others are left out, and those of the lowest floor, which all use.
     Lengths are in points of print, from the upper left corner.
     """
-    cell, row, head = 86.0, 36.0, 24.0
-    lines = reduced(graph)
-    rows = {part: _rows(lines, part, n) for floor in FLOORS for part, n in floor.items()}
-    heights = [head + row * max(len(rows[name]) for name in floor) + 8 for floor in FLOORS]
-    width, height = 5 * cell + 8, sum(heights)
-    figure = Figure(figsize=(width / 72, height / 72))
+    width, line, space = 72 * figures.WIDTH, 16.0, 8.0
+    corners: dict[str, tuple[float, ...]] = {}
+    texts, top = dict[str, str](), space
+    for floor in FLOORS:
+        for name, share in floor.items():
+            texts[name] = fill(", ".join(members(graph, name)), int((share * width - 28) / 7.4))
+        left, bottom = 0.0, top + line * (3.3 + max(texts[name].count("\n") for name in floor))
+        for name, share in floor.items():
+            corners[name] = left + space, left + share * width - space, top, bottom
+            left += share * width
+        top = bottom + 3 * space
+    figure = Figure(figsize=(figures.WIDTH, (top - 2 * space) / 72))
     figure.set_layout_engine("none")
-    ax = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0))
+    ax = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(top - 2 * space, 0))
     ax.set_axis_off()
-
-    def box(x: float, y: float, w: float, h: float, **style: Any) -> None:
-        ax.add_patch(FancyBboxPatch((x, y), w, h, "round,pad=0,rounding_size=3", **style))
-
-    def above(module: str) -> float:  # the mean abscissa of what imports it: few lines cross
-        return fmean([x for name, (x, _) in place.items() if module in lines[name]] or [0.0])
-
-    place: dict[str, tuple[float, float]] = {}
-    for floor, height, top in zip(FLOORS, heights, accumulate(heights, initial=0), strict=False):
-        left = 4.0
-        for name, columns in floor.items():
-            right = left + cell * columns
-            box(left + 2, top + 2, right - left - 4, height - 8, fc=_TONES[name], alpha=0.09, lw=0)
-            ax.text(left + 28, top + 17, name, va="center", size=10.5, weight="bold",
-                    bbox={"fc": "white", "lw": 0, "pad": 1.5})  # fmt: skip
-            for n, modules in enumerate(rows[name]):
-                y = top + head + row * (n + 0.5)
-                free = (right - left) / len(modules)
-                # beside those of the next row, so that a line to a row further down passes by
-                x = left + free * (0.5 + (0.12 * (-1) ** n if free > 100 else 0))
-                for module in sorted(modules, key=above):
-                    place[module] = (x, y)
-                    x += free
-            left = right
-    lowest = {name for name in lines if part(name) == "armsim"}  # its lines would hide the others
-    for module, others in sorted(lines.items()):  # the same order in each process
-        for other in sorted(others - lowest):
-            ax.plot(*zip(place[module], place[other], strict=True), color=_TONES[part(module)],
-                    lw=0.9, ls="-", alpha=0.55, zorder=1)  # fmt: skip
-    for module, (x, y) in place.items():
-        box(x - cell / 2 + 5, y - 9, cell - 10, 18, fc="white", ec=figures.INK, lw=1.1)
-        ax.text(x, y, module.rpartition(".")[2], ha="center", va="center_baseline", size=8)
+    for name, (left, right, top, bottom) in corners.items():
+        style: Any = {"fc": _TONES[name], "alpha": 0.13, "lw": 0}
+        ax.add_patch(Rectangle((left, top), right - left, bottom - top, **style))
+        ax.text(left + space, top + line, name, weight="bold", va="center")
+        ax.text(left + space, top + 1.8 * line, texts[name], va="top", linespacing=1.25)
+    for one, other in sorted(arrows(graph)):
+        (left, right, top, bottom), (left_2, right_2, top_2, _) = corners[one], corners[other]
+        x, y = (max(left, left_2) + min(right, right_2)) / 2, (top + bottom) / 2
+        end, start = ((left_2, y), (right, y)) if top == top_2 else ((x, top_2), (x, bottom))
+        pen = {"arrowstyle": "-|>", "color": figures.INK, "lw": 1.4}
+        ax.annotate("", end, start, arrowprops=pen)
     return figure
-
-
-def _rows(lines: Graph, name: str, columns: int) -> list[list[str]]:
-    """Arrange the modules of a part in rows, each below all that import it."""
-    own = {module for module in lines if part(module) == name}
-    sorter = TopologicalSorter({one: {m for m in own if one in lines[m]} for one in own})
-    sorter.prepare()
-    rows = []
-    while level := sorted(sorter.get_ready()):
-        parts = -(-len(level) // columns)
-        rows += [level[n::parts] for n in range(parts)]
-        sorter.done(*level)
-    return rows
 
 
 def modules_table(graph: Graph) -> str:
@@ -159,7 +130,7 @@ def main(results: Path) -> None:
     provenance.write(Project.find(Path(__file__)), results)
     text.write(results / "appendix-modules.md", modules_table(graph))
     text.write(results / "appendix-symbols.md", symbols_table())
-    figures.save(architecture(graph), results / "appendix-architecture.svg", figures.PLAN)
+    figures.save(architecture(graph), results / "appendix-architecture.svg")
 
 
 if __name__ == "__main__":

@@ -3,11 +3,10 @@
 from dataclasses import fields
 
 import matplotlib as mpl
-import numpy as np
 import pytest
 
 from armbook import architecture as module
-from armbook.architecture import FLOORS, architecture, imports, main, part, reduced
+from armbook.architecture import FLOORS, architecture, arrows, imports, main, members
 from armsim.arm import AxisParameters
 from reportkit import figures
 
@@ -17,76 +16,66 @@ def graph():
     return imports()
 
 
-def reachable(graph, name):
-    """All modules that one imports, and what those import, and so on."""
-    found, fresh = set(), {name}
-    while fresh:
-        fresh = {far for near in fresh for far in graph[near]} - found
-        found |= fresh
-    return found
-
-
 def test_import_that_follows_from_others_is_left_out():
     graph = {
-        "toy": set(),
-        "toy.low": {"toy.low.one", "toy.low.two"},  # a package, which gathers names
-        "toy.low.one": {"toy.low.two"},
-        "toy.low.two": set(),
-        "toy.side": {"toy.low.two"},
-        "toy.top": {"toy.low", "toy.low.two", "toy.side"},
+        "armbook.one": {"armbook.two", "armsim.arm.simulate", "armsim.methods.trees"},
+        "armbook.two": {"armsim.checks"},
+        "armsim.amplifier": {"armsim.checks"},  # stands beside the arm
+        "armsim.arm.simulate": {"armsim.methods.trees"},
+        "armsim.methods.trees": {"armsim.checks", "armsim.methods.tableaux"},
     }
-    assert reduced(graph) == {
-        "toy.low.one": {"toy.low.two"},
-        "toy.low.two": set(),
-        "toy.side": {"toy.low.two"},
-        "toy.top": {"toy.low.one", "toy.side"},
+    assert arrows(graph) == {
+        ("armbook", "armsim.arm"),
+        ("armsim.arm", "armsim.methods"),
+        ("armsim.methods", "armsim"),
     }
 
 
-def test_no_import_is_lost_in_the_drawing(graph):
-    lines = reduced(graph)
-    for name in lines:
-        assert reachable(lines, name) == reachable(graph, name) & set(lines), name
+def test_arrows_are_those_of_the_design(graph):
+    """And they lead down, or sideways on the highest floor."""
+    assert arrows(graph) == {
+        ("armbook", "reportkit"),
+        ("armbook", "armsim.arm"),
+        ("armsim.arm", "armsim.exact"),
+        ("armsim.arm", "armsim.methods"),
+        ("armsim.exact", "armsim"),
+        ("armsim.methods", "armsim"),
+    }
+    drawn = [text for text in architecture(graph).axes[0].texts if not text.get_text()]
+    assert len(drawn) == len(arrows(graph))
+    ends = [(*text.xyann, *text.xy) for text in drawn]  # from, to
+    assert all(y < y_2 or (y == y_2 < 200 and x < x_2) for x, y, x_2, y_2 in ends)
 
 
-def test_every_module_has_a_place_below_what_imports_it(graph):
-    lines = reduced(graph)
-    assert {part(name) for name in lines} == {name for floor in FLOORS for name in floor}
-    figure = architecture(graph)
-    texts = figure.axes[0].texts
-    shown = [text.get_text() for text in texts]
-    parts = [name for floor in FLOORS for name in floor]
-    assert sorted(shown) == sorted([*parts, *(name.rpartition(".")[2] for name in lines)])
-    points = [np.array(line.get_data()).T for line in figure.axes[0].lines]
-    assert len(points) == sum(part(m) != "armsim" for others in lines.values() for m in others)
-    downwards = [start[1] < end[1] for start, end in points]
-    across = sum(
-        part(name) != part(other) and {part(name), part(other)} <= set(FLOORS[0])
-        for name, others in lines.items()
-        for other in others
-    )
-    assert downwards.count(False) <= across  # between the two parts of the highest floor
+def test_members_are_named_once_by_their_place_in_the_part(graph):
+    assert members(graph, "armsim") == ["checks", "choices", "machine_code", "parallel", "paths"]
+    assert {"amplifier", "paper", "simulate"} <= {*members(graph, "armsim.arm")}
+    of_kit = members(graph, "reportkit")
+    assert of_kit.count("figures") == of_kit.count("sphinx_extension") == 1
+    assert "looks" not in of_kit
 
 
-def test_no_two_boxes_meet(graph):
+def test_drawing_lists_every_module_inside_its_part(graph):
     figure = architecture(graph)
     figure.canvas.draw()
-    boxes = [
-        patch.get_window_extent()
-        for patch in figure.axes[0].patches
-        if patch.get_facecolor() == (1, 1, 1, 1)
-    ]
-    assert len(boxes) == len(reduced(graph))
+    (ax,) = figure.axes
+    boxes = [patch.get_window_extent() for patch in ax.patches]
+    parts = [name for floor in FLOORS for name in floor]
+    titles, lists = ([t for t in ax.texts if t.get_text()][n::2] for n in (0, 1))
+    assert [title.get_text() for title in titles] == parts
+    for name, box, title, listed in zip(parts, boxes, titles, lists, strict=True):
+        assert ", ".join(members(graph, name)) == listed.get_text().replace("\n", " ")
+        for text in (title, listed):
+            (left, low), (right, high) = text.get_window_extent().get_points()
+            assert box.x0 < left and right < box.x1 and box.y0 < low and high < box.y1
     for n, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:n])
 
 
 def test_drawing_has_the_same_bytes_in_any_order_of_the_modules_and_any_style(graph, tmp_path):
-    figures.save(architecture(graph), tmp_path / "one.svg", figures.PLAN)
+    figures.save(architecture(graph), tmp_path / "one.svg")
     with mpl.rc_context({"text.usetex": True, "font.size": 20, "lines.marker": "o"}):
-        figures.save(
-            architecture(dict(reversed(graph.items()))), tmp_path / "two.svg", figures.PLAN
-        )
+        figures.save(architecture(dict(reversed(graph.items()))), tmp_path / "two.svg")
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
 
 
