@@ -31,7 +31,7 @@ PAGES := $(shell find book *.md -name results -prune -o -type f ! -name '.*' $(P
 
 # The tests, on all processors, in as many processes as tests/conftest.py says.
 PYTEST := $(BIN)/python -m pytest -n auto --dist=worksteal
-# Sphinx keeps nearly all that it makes: to look for garbage in it takes a third of the time.
+# Sphinx keeps nearly all of its objects. A search for garbage among them would take a third of the time.
 JUPYTER_BOOK := $(BIN)/python -c 'import gc; gc.disable(); from jupyter_book.cli.main import main; main()'
 
 SHELL := /bin/bash

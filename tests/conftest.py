@@ -30,12 +30,12 @@ settings.load_profile("ci")
 LONG = {"test_pdf.py", "test_readme.py", "test_rerun.py", "test_second_opinion.py"}
 
 
-# Until the tests begin nothing is garbage, and later nothing of what there was then.
+# Imported modules and collected tests live until the end. Do not search them for garbage.
 gc.disable()
 
 
 def pytest_collection_finish():
-    """Leave what has been imported and collected out of every search for garbage."""
+    """Leave all objects that exist now out of every later search for garbage."""
     gc.freeze()
     gc.enable()
 
