@@ -5,6 +5,7 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
 from hypothesis.database import DirectoryBasedExampleDatabase
 
@@ -26,18 +27,20 @@ settings.register_profile(
 )
 settings.load_profile("ci")
 
-#: Files with tests of half a minute. At the end, other processes would wait for them.
-LONG = {"test_pdf.py", "test_readme.py", "test_rerun.py", "test_second_opinion.py"}
+#: Files with tests of half a minute.
+LONG = ("armbook/test_rerun.py", "book/test_pdf.py", "reportkit/test_readme.py",
+        "second_opinion/test_second_opinion.py")  # fmt: skip
 
 
-# Imported modules and collected tests live until the end. Do not search them for garbage.
-gc.disable()
-
-
-def pytest_collection_finish():
-    """Leave all objects that exist now out of every later search for garbage."""
-    gc.freeze()
-    gc.enable()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Do not search for garbage among modules and tests, all of which live until the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_xdist_auto_num_workers():
@@ -46,11 +49,12 @@ def pytest_xdist_auto_num_workers():
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the longest tests, and give every property the seed of `make fuzz`.
+    """Put the longest tests first, so that none is the last, and give properties a seed.
 
-    Hypothesis keeps no failures of a test with a seed, by its decorator or by pytest's option.
+    The seed is that of `make fuzz`. Hypothesis keeps no failures of a test with a seed, by its
+    decorator or by pytest's option.
     """
-    items.sort(key=lambda item: item.path.name not in LONG)
+    items.sort(key=lambda item: not item.path.as_posix().endswith(LONG))
     number = os.environ.get("FUZZ_SEED")
     for item in items if number else ():
         if is_hypothesis_test(getattr(item, "function", None)):

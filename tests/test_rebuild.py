@@ -13,7 +13,6 @@ RESULTS = ROOT / "book" / "results"
 #: What takes long or runs the same code as the others.
 LEFT_OUT = {
     "12_order_conditions",
-    "14_exponential_form",
     "20_linear_step_response",
     "30_nonlinear_step_response",
     "40_exact_solution",

@@ -51,7 +51,10 @@ def part(module: str) -> str:
 
 
 def arrows(graph: Graph) -> set[tuple[str, str]]:
-    """Return pairs of parts, of which one imports the other; not what follows from other pairs."""
+    """Return pairs of parts, the first of which imports the second.
+
+    A pair that follows from others is left out.
+    """
     direct: dict[str, set[str]] = {name: set() for floor in FLOORS for name in floor}
     for module, others in graph.items():
         direct[part(module)] |= {part(other) for other in others} - {part(module)}

@@ -218,8 +218,7 @@ def _tidy(notebook: nbformat.NotebookNode) -> list[str]:
                 complaints += filter(None, [_BAR.sub("", output.text).strip()])
                 cell.outputs.remove(output)
             elif alt := output.get("metadata", {}).get("image/svg+xml", {}).get("alt"):
-                image = cell.metadata.setdefault("mystnb", {}).setdefault("image", {})
-                image.setdefault("alt", alt)
+                cell.metadata.setdefault("mystnb", {}).setdefault("image", {})["alt"] = alt
     return complaints
 
 

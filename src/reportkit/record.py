@@ -125,14 +125,13 @@ class Study:
             The plotted data, saved beside the figure as CSV. Shorter columns end in blanks.
         alt : str, optional
             Description for readers who cannot see the figure, on the page of the notebook itself.
-            An entry ``{"mystnb": {"image": {"alt": …}}}`` in the metadata of the cell prevails.
+            By default that in the metadata of the cell, ``{"mystnb": {"image": {"alt": …}}}``.
         """
         path = self._new(key, "svg")
         figures.save(fig, path)
         if data is not None:
             series = {name: pd.Series(np.asarray(data[name])) for name in data}
             self._csv(path.with_suffix(".csv"), pd.DataFrame(series))
-        alt = alt or f"Figure of the study {self.name[3:]}: {key}".replace("_", " ")
         shown = {"image/svg+xml": {"alt": alt}, "name": path.name}  # the name is a link's target
         display(SVG(filename=path), metadata=shown)
         plt.close(fig)

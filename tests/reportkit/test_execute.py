@@ -103,15 +103,16 @@ def test_two_runs_give_the_same_bytes_whatever_a_user_has_set(notebook, tmp_path
     assert image == {"alt": "A line that rises from zero"}
 
 
-def test_alternative_text_of_the_cell_prevails(notebook, tmp_path):
-    source = notebook(STUDY)
+@pytest.mark.parametrize("own", ["", "Of the argument"])
+def test_alternative_text_is_that_of_the_argument_or_of_the_cell(notebook, tmp_path, own):
+    source = notebook(STUDY.replace("A line that rises from zero", own))
     content = json.loads(source.read_text(encoding="utf-8"))
     content["cells"][1]["metadata"] = {"mystnb": {"image": {"alt": "Of the cell", "width": "50%"}}}
     source.write_text(json.dumps(content), encoding="utf-8")
     execute(source, tmp_path / "results")
     made = json.loads((tmp_path / "results" / "50_trial.ipynb").read_text(encoding="utf-8"))
     image = made["cells"][1]["metadata"]["mystnb"]["image"]
-    assert image == {"alt": "Of the cell", "width": "50%"}
+    assert image == {"alt": own or "Of the cell", "width": "50%"}
 
 
 def test_new_run_replaces_all_of_the_old(notebook, tmp_path):

@@ -73,6 +73,23 @@ class Page(HTMLParser):
             self.alts.append(attributes["alt"])
 
 
+def test_each_figure_of_a_rerun_has_its_own_text_or_that_of_its_cell(folder, notebook, study):
+    several = """from IPython.display import Image, display
+from matplotlib.figure import Figure
+study.figure("one", Figure(), alt="Of the first")
+study.figure("two", Figure(), alt="Of the second")
+display(Image(b"png", format="png"), metadata={"image/png": {"alt": "Of the picture"}})"""
+    source = notebook(study, several, 'study.figure("three", Figure())')
+    content = json.loads(source.read_text(encoding="utf-8"))
+    content["cells"][-1]["metadata"] = {"mystnb": {"image": {"alt": "Of the cell"}}}
+    source.write_text(json.dumps(content), encoding="utf-8")
+    assert main(["rerun", "trial"]) == 0
+    (made,) = (folder / "runs").iterdir()
+    page = Page((made / "50_trial.html").read_text(encoding="utf-8"))
+    own = ["A line that rises from zero", "Of the first", "Of the second", "Of the picture"]
+    assert page.alts == [*own, "Of the cell"]
+
+
 def test_rerun_makes_a_folder_with_everything(arguments, folder, capsys):
     (folder / "own.txt").write_text("measured")
     (folder / "given.toml").write_text('size = 3\nmotion = "own.txt"\n')
