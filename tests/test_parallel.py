@@ -37,7 +37,7 @@ def backend(request):
         with parallel_config(request.param):
             yield request.param
         return
-    quiet = {"dashboard_address": None, "worker_dashboard_address": None}
+    quiet = {"dashboard_address": ":0", "worker_dashboard_address": ":0"}
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as cluster,
         Client(cluster),
