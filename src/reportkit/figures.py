@@ -8,6 +8,7 @@ with the same contrast there.
 import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -157,9 +158,8 @@ def ranking(
             ax.annotate(failed, (1, row), (0, 0), **style, **margin)
         else:
             ax.plot(value, row, "o", color=colour, ms=8 if name in colours else 6)
-            rounded = float(f"{value:.2g}")
-            told = np.format_float_positional(rounded, fractional=False, min_digits=2)
-            ax.annotate(told.rstrip("."), (value, row), (8, 0), **style)
+            told = f"{Decimal(f'{value:.1e}'):f}"  # two digits, a zero at the end included
+            ax.annotate(told, (value, row), (8, 0), **style)
     _name_rows(ax, order, bold=colours)
     ax.set_xlim(right=5 * ax.get_xlim()[1])  # room for the number of the last
     ax.grid(visible=False)

@@ -162,6 +162,24 @@ def test_a_ranking_is_sorted_and_ends_with_what_failed():
     assert ax.texts[2].get_window_extent().x1 <= fig.bbox.x1
 
 
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (0.0299, "0.030"),
+        (0.031, "0.031"),
+        (2.0, "2.0"),
+        (0.96, "0.96"),
+        (99.6, "100"),
+        (37.0, "37"),
+    ],
+)
+def test_a_number_of_a_ranking_has_two_digits(value, told):
+    figures.use()
+    _, ax = plt.subplots()
+    figures.ranking(ax, {"one": value}, {})
+    assert [text.get_text() for text in ax.texts] == [told]
+
+
 def test_a_tornado_has_a_bar_from_one_to_each_factor():
     _, ax = plt.subplots()
     groups = {"gain": {"error": (10.0, 0.5)}, "friction": {"error": (0.9, 1.1), "time": (1.0, 1.0)}}
